@@ -1,0 +1,46 @@
+//! A dense table with one row per frame and one column per marker.
+
+/// `frames × columns` cells, stored frame by frame.
+///
+/// Every access is checked: a cell outside the table is `None`, never a panic.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Grid<T> {
+    frames: usize,
+    columns: usize,
+    cells: Vec<T>,
+}
+
+impl<T: Clone> Grid<T> {
+    /// A table in which every cell holds `value`.
+    pub fn filled(frames: usize, columns: usize, value: T) -> Self {
+        Self { frames, columns, cells: vec![value; frames.saturating_mul(columns)] }
+    }
+}
+
+impl<T> Grid<T> {
+    /// Number of rows.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// Number of columns.
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
+    /// The cell of `column` in `frame`.
+    pub fn get(&self, frame: usize, column: usize) -> Option<&T> {
+        if column < self.columns { self.cells.get(frame.checked_mul(self.columns)?.checked_add(column)?) } else { None }
+    }
+
+    /// The cell of `column` in `frame`, to be changed.
+    pub fn get_mut(&mut self, frame: usize, column: usize) -> Option<&mut T> {
+        if column < self.columns { self.cells.get_mut(frame.checked_mul(self.columns)?.checked_add(column)?) } else { None }
+    }
+
+    /// All cells of one frame; empty outside the table.
+    pub fn row(&self, frame: usize) -> &[T] {
+        let start = frame.saturating_mul(self.columns);
+        self.cells.get(start..start.saturating_add(self.columns)).unwrap_or(&[])
+    }
+}

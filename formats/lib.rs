@@ -1,0 +1,174 @@
+//! Motion-capture files, read into a [`Take`] and put back without touching anything else.
+//!
+//! A *format* ([`Format`]) turns bytes into an opened [`Document`].
+//! The document holds the take and everything else that the file said; [`Document::save`] patches the repaired samples into the original bytes.
+//! [`Format::create`] writes a file from nothing but a take, and notes what the format cannot hold.
+//!
+//! Parsing is a pure function of bytes: no file names, no clock, no global state.
+//! Every byte is untrusted: parsers never index, never panic, and never allocate what a file merely declares.
+//!
+//! The folders beside this file are the formats; [`ALL`] is their one list.
+//! To add one: write its folder, add two lines here, `fixtures/<name>/` and `docs/formats/<name>.md`.
+
+mod error;
+mod grid;
+mod note;
+mod take;
+
+pub use error::{FormatError, Place, Problem};
+pub use grid::Grid;
+pub use note::{Note, Notes};
+pub use take::{Direction, Marker, Origin, Role, Take, TakeBuilder, Unit};
+
+use std::io::Write;
+
+/// Every format, in the order in which they are asked.
+pub static ALL: &[&dyn Format] = &[];
+
+/// The largest file that is read, in bytes.
+pub const LARGEST_FILE: u64 = 4 << 30;
+
+/// What a format is called and what it is for.
+#[derive(Debug)]
+pub struct FormatInfo {
+    /// Short name, as on the command line and in errors: `c3d`.
+    pub name: &'static str,
+    /// One line for people.
+    pub summary: &'static str,
+    /// File name extensions, lower case, the usual one first.
+    pub extensions: &'static [&'static str],
+}
+
+/// How sure a format is that some bytes are its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Match {
+    /// They are not.
+    No,
+    /// They may be.
+    Maybe,
+    /// They are.
+    Certain,
+}
+
+/// What the user states about a file; it overrules what the file says.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Stated {
+    /// Frames per second.
+    pub rate_hz: Option<f64>,
+    /// Unit of length.
+    pub unit: Option<Unit>,
+}
+
+/// A file format. Asked in this order: [`sniff`](Format::sniff), then [`open`](Format::open).
+pub trait Format: Sync {
+    /// Name, extensions.
+    fn info(&self) -> &'static FormatInfo;
+
+    /// Judges the first bytes (up to 4096) of a file.
+    fn sniff(&self, head: &[u8]) -> Match;
+
+    /// Parses a whole file.
+    ///
+    /// # Errors
+    /// Malformed, unsupported or too large. A reader that is unsure of units or rate assumes and notes; one that is unsure of data fails.
+    fn open(&self, bytes: Vec<u8>, stated: &Stated, notes: &Notes) -> Result<Box<dyn Document>, FormatError>;
+
+    /// Writes a new file that holds the take, in the take's own unit, and notes what the format cannot hold.
+    ///
+    /// # Errors
+    /// Unsupported, too large, or an I/O error of `out`.
+    fn create(&self, take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError>;
+}
+
+/// An opened file, with all it said.
+pub trait Document: Send {
+    /// The take that was read.
+    fn take(&self) -> &Take;
+
+    /// Writes the file again with the [`Origin::Repaired`] samples of `repaired` patched in and every other byte as it was.
+    /// `repaired` is the take of this document with some missing samples filled.
+    ///
+    /// # Errors
+    /// Unsupported if a filled value cannot be stored, or an I/O error of `out`.
+    fn save(&self, repaired: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError>;
+
+    /// How far a filled coordinate may be from what [`save`](Document::save) stores, in mm.
+    fn rounding_mm(&self) -> f64;
+}
+
+/// Why no format was chosen.
+#[derive(Debug, thiserror::Error)]
+pub enum DetectError {
+    /// There is nothing to read.
+    #[error("the file is empty (0 bytes); expected one of: {known}")]
+    Empty {
+        /// Names of the formats.
+        known: String,
+    },
+    /// No format knows these bytes.
+    #[error("not a format we know: {found}; expected one of: {known}")]
+    Unknown {
+        /// What the file begins with.
+        found: String,
+        /// Names of the formats.
+        known: String,
+    },
+    /// The name says one thing and the content another.
+    #[error("named .{extension} but not {name}: {found}; rename the file after its content, or export it again")]
+    Contradiction {
+        /// The extension.
+        extension: String,
+        /// The format that the extension belongs to.
+        name: &'static str,
+        /// What the file begins with.
+        found: String,
+    },
+}
+
+/// The format that an extension (without the dot, any case) belongs to.
+pub fn by_extension(extension: &str) -> Option<&'static dyn Format> {
+    let extension = extension.to_ascii_lowercase();
+    ALL.iter().copied().find(|f| f.info().extensions.contains(&extension.as_str()))
+}
+
+/// Chooses the format by content. The extension (without the dot) breaks ties, and must not contradict the content.
+///
+/// # Errors
+/// Empty, unknown, or named after a format that does not know the content.
+pub fn detect(head: &[u8], extension: Option<&str>) -> Result<&'static dyn Format, DetectError> {
+    let known = || ALL.iter().map(|f| f.info().name).collect::<Vec<_>>().join(", ");
+    if head.is_empty() {
+        return Err(DetectError::Empty { known: known() });
+    }
+    let named = extension.and_then(by_extension);
+    if let Some(format) = named {
+        return match format.sniff(head) {
+            Match::No => Err(DetectError::Contradiction {
+                extension: extension.unwrap_or_default().to_owned(),
+                name: format.info().name,
+                found: describe(head),
+            }),
+            Match::Maybe | Match::Certain => Ok(format),
+        };
+    }
+    let mut best: Option<(Match, &'static dyn Format)> = None;
+    for format in ALL {
+        let sure = format.sniff(head);
+        if sure != Match::No && best.is_none_or(|(b, _)| sure > b) {
+            best = Some((sure, *format));
+        }
+    }
+    best.map(|(_, format)| format).ok_or_else(|| DetectError::Unknown { found: describe(head), known: known() })
+}
+
+/// Says what bytes look like, for an error message.
+fn describe(head: &[u8]) -> String {
+    let text = head.iter().take(256).all(|&b| b >= 0x20 && b != 0x7f || matches!(b, b'\n' | b'\r' | b'\t'));
+    if text {
+        let start: String = String::from_utf8_lossy(head).chars().take(24).filter(|c| !c.is_control()).collect();
+        format!("it holds text that begins \"{start}\"")
+    } else {
+        let start: Vec<String> = head.iter().take(4).map(|b| format!("{b:02x}")).collect();
+        format!("it begins with the bytes {}", start.join(" "))
+    }
+}

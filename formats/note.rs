@@ -1,0 +1,204 @@
+//! What happened that is not an error.
+//!
+//! A note is written for the person who reads the summary, and decides with [`Note::matters`] whether the exit code says "look at this".
+
+use crate::{FormatInfo, Unit};
+use std::cell::RefCell;
+
+/// Something that a reader or a writer assumed, found odd, or could not keep.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum Note {
+    /// The file names no unit; this one was taken.
+    UnitAssumed {
+        /// The unit taken.
+        unit: Unit,
+    },
+    /// The file names a unit that we do not know.
+    UnitUnknown {
+        /// As written.
+        written: String,
+        /// The unit taken instead.
+        unit: Unit,
+    },
+    /// The file names no frame rate; this one was taken.
+    RateAssumed {
+        /// Hz.
+        rate_hz: f64,
+    },
+    /// Zero coordinates were read as missing.
+    ZeroReadAsMissing {
+        /// How many samples.
+        samples: usize,
+    },
+    /// Samples flagged missing hold old coordinates, which were not believed.
+    StaleCoordinates {
+        /// How many samples.
+        samples: usize,
+    },
+    /// Every sample is flagged missing although many hold coordinates.
+    AllFlaggedMissing {
+        /// How many samples hold coordinates.
+        with_coordinates: usize,
+        /// How many samples there are.
+        samples: usize,
+    },
+    /// A fourth word that is neither a residual nor a flag; the coordinates were believed.
+    ResidualGarbage {
+        /// How many samples.
+        samples: usize,
+    },
+    /// The file claims another number of frames than it holds.
+    FrameCount {
+        /// What the file claims.
+        claimed: u64,
+        /// What is there.
+        present: u64,
+    },
+    /// Two places of the file contradict each other.
+    Contradiction {
+        /// What is written where, and which was taken.
+        text: String,
+    },
+    /// Labels and columns differ in number.
+    LabelCount {
+        /// Labels in the file.
+        labels: usize,
+        /// Columns in the file.
+        columns: usize,
+    },
+    /// A label occurs more than once.
+    DuplicateLabels {
+        /// The labels that occur again.
+        labels: Vec<String>,
+    },
+    /// Columns that hold results instead of markers; left as they are.
+    ModelOutputs {
+        /// How many columns.
+        columns: usize,
+    },
+    /// Samples of which only some coordinates are given; they count as missing, the given coordinates are kept as written.
+    PartialSamples {
+        /// How many samples.
+        samples: usize,
+    },
+    /// Filled positions were rounded to what the file can store.
+    Rounded {
+        /// The step in mm.
+        step_mm: f64,
+    },
+    /// The written format cannot hold something that the take has.
+    NotExpressible {
+        /// The format's name.
+        format: &'static str,
+        /// What was left out.
+        what: String,
+    },
+}
+
+impl Note {
+    /// True if something was lost or assumed, so that a person should look: exit code 3.
+    pub fn matters(&self) -> bool {
+        match self {
+            Self::UnitAssumed { .. }
+            | Self::UnitUnknown { .. }
+            | Self::RateAssumed { .. }
+            | Self::AllFlaggedMissing { .. }
+            | Self::FrameCount { .. }
+            | Self::NotExpressible { .. } => true,
+            Self::ZeroReadAsMissing { .. }
+            | Self::StaleCoordinates { .. }
+            | Self::ResidualGarbage { .. }
+            | Self::Contradiction { .. }
+            | Self::LabelCount { .. }
+            | Self::DuplicateLabels { .. }
+            | Self::ModelOutputs { .. }
+            | Self::PartialSamples { .. }
+            | Self::Rounded { .. } => false,
+        }
+    }
+
+    /// A name for the kind of note that scripts can rely on.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::UnitAssumed { .. } => "unit-assumed",
+            Self::UnitUnknown { .. } => "unit-unknown",
+            Self::RateAssumed { .. } => "rate-assumed",
+            Self::ZeroReadAsMissing { .. } => "zero-read-as-missing",
+            Self::StaleCoordinates { .. } => "stale-coordinates",
+            Self::AllFlaggedMissing { .. } => "all-flagged-missing",
+            Self::ResidualGarbage { .. } => "residual-garbage",
+            Self::FrameCount { .. } => "frame-count",
+            Self::Contradiction { .. } => "contradiction",
+            Self::LabelCount { .. } => "label-count",
+            Self::DuplicateLabels { .. } => "duplicate-labels",
+            Self::ModelOutputs { .. } => "model-outputs",
+            Self::PartialSamples { .. } => "partial-samples",
+            Self::Rounded { .. } => "rounded",
+            Self::NotExpressible { .. } => "not-expressible",
+        }
+    }
+}
+
+impl std::fmt::Display for Note {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::UnitAssumed { unit } => write!(f, "the file names no unit, {} assumed (say it with --units)", unit.symbol()),
+            Self::UnitUnknown { written, unit } => {
+                write!(f, "the unit \"{written}\" is unknown, {} assumed (say it with --units)", unit.symbol())
+            }
+            Self::RateAssumed { rate_hz } => write!(f, "the file names no frame rate, {rate_hz} Hz assumed (say it with --rate)"),
+            Self::ZeroReadAsMissing { samples } => write!(f, "{samples} samples at exactly 0 0 0 were read as missing"),
+            Self::StaleCoordinates { samples } => {
+                write!(f, "{samples} samples are flagged missing but still hold coordinates, which were not believed")
+            }
+            Self::AllFlaggedMissing { with_coordinates, samples } => write!(
+                f,
+                "all {samples} samples are flagged missing although {with_coordinates} hold coordinates: whoever wrote this file marked \
+                 everything as not measured, so there is nothing to fill from; export it again with its residuals"
+            ),
+            Self::ResidualGarbage { samples } => {
+                write!(f, "{samples} samples have a residual that makes no sense; their coordinates were believed")
+            }
+            Self::FrameCount { claimed, present } => write!(f, "the file claims {claimed} frames and holds {present}"),
+            Self::Contradiction { text } => f.write_str(text),
+            Self::LabelCount { labels, columns } => write!(f, "{labels} labels for {columns} columns"),
+            Self::DuplicateLabels { labels } => write!(f, "labels that occur more than once: {}", labels.join(", ")),
+            Self::ModelOutputs { columns } => write!(f, "{columns} columns are model outputs, not markers; left as they are"),
+            Self::PartialSamples { samples } => {
+                write!(f, "{samples} samples have only some of their coordinates; they count as missing, what is given stays as written")
+            }
+            Self::Rounded { step_mm } => write!(f, "filled positions are rounded to the file's own step of {step_mm} mm"),
+            Self::NotExpressible { format, what } => write!(f, "{format} cannot hold {what}; left out"),
+        }
+    }
+}
+
+/// Collects notes from places that hold it by shared reference.
+#[derive(Debug, Default)]
+pub struct Notes(RefCell<Vec<Note>>);
+
+impl Notes {
+    /// An empty collection.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Adds a note. The same note is kept once.
+    pub fn add(&self, note: Note) {
+        let mut notes = self.0.borrow_mut();
+        if !notes.contains(&note) {
+            notes.push(note);
+        }
+    }
+
+    /// Notes each thing that `format` cannot hold.
+    pub fn not_expressible(&self, format: &FormatInfo, what: impl Into<String>) {
+        self.add(Note::NotExpressible { format: format.name, what: what.into() });
+    }
+
+    /// The notes so far, oldest first.
+    pub fn take(&self) -> Vec<Note> {
+        self.0.borrow().clone()
+    }
+}

@@ -1,0 +1,345 @@
+//! The take: one recording, normalised to millimetres and seconds, in which every sample knows where it came from.
+//!
+//! A take says nothing about files.
+//! What a file held besides its markers stays with the opened [`Document`](crate::Document), which puts a repaired take back.
+//!
+//! Frames are counted from 0 in here.
+//! The number that the file itself gives to a frame is its *label*: [`Take::frame_label`] is the one place where the two meet.
+
+use crate::Grid;
+
+/// Where a sample came from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Origin {
+    /// Reconstructed from cameras, as far as the file says.
+    Measured,
+    /// The file holds a position, but says that someone filled or filtered it. Never changed by us.
+    Derived,
+    /// Nothing is known.
+    Missing,
+    /// Filled in by this program.
+    Repaired,
+}
+
+impl Origin {
+    /// True if the file that was read held a position for this sample.
+    pub fn is_known(self) -> bool {
+        matches!(self, Self::Measured | Self::Derived)
+    }
+}
+
+/// The unit of length that a file is written in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Unit {
+    /// 1 mm
+    Millimetre,
+    /// 10 mm
+    Centimetre,
+    /// 1000 mm
+    Metre,
+}
+
+impl Unit {
+    /// All units, in the order in which they are offered.
+    pub const ALL: [Self; 3] = [Self::Millimetre, Self::Centimetre, Self::Metre];
+
+    /// How many millimetres one of this unit is.
+    pub fn mm(self) -> f64 {
+        match self {
+            Self::Millimetre => 1.0,
+            Self::Centimetre => 10.0,
+            Self::Metre => 1000.0,
+        }
+    }
+
+    /// `mm`, `cm` or `m`.
+    pub fn symbol(self) -> &'static str {
+        match self {
+            Self::Millimetre => "mm",
+            Self::Centimetre => "cm",
+            Self::Metre => "m",
+        }
+    }
+
+    /// Reads a unit as files write it: `mm`, `CM`, `Meters`, `mete` (a C3D that cut the word after four letters), ...
+    pub fn parse(text: &str) -> Option<Self> {
+        let word = text.trim().trim_end_matches('\0').to_ascii_lowercase();
+        match word.as_str() {
+            "mm" | "millimeter" | "millimeters" | "millimetre" | "millimetres" | "mill" => Some(Self::Millimetre),
+            "cm" | "centimeter" | "centimeters" | "centimetre" | "centimetres" | "cent" => Some(Self::Centimetre),
+            "m" | "meter" | "meters" | "metre" | "metres" | "mete" | "metr" => Some(Self::Metre),
+            _ => None,
+        }
+    }
+}
+
+/// A signed coordinate axis, such as the one that points up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Direction {
+    /// 0 = x, 1 = y, 2 = z.
+    pub axis: usize,
+    /// False for the negative axis.
+    pub positive: bool,
+}
+
+impl Direction {
+    /// The positive z axis.
+    pub const PLUS_Z: Self = Self { axis: 2, positive: true };
+    /// The positive y axis.
+    pub const PLUS_Y: Self = Self { axis: 1, positive: true };
+
+    /// Reads `+Z`, `-x`, `Y`, ...
+    pub fn parse(text: &str) -> Option<Self> {
+        let text = text.trim().trim_end_matches('\0').trim();
+        let (positive, letter) = match text.strip_prefix('-') {
+            Some(rest) => (false, rest),
+            None => (true, text.strip_prefix('+').unwrap_or(text)),
+        };
+        let axis = match letter {
+            "x" | "X" => 0,
+            "y" | "Y" => 1,
+            "z" | "Z" => 2,
+            _ => return None,
+        };
+        Some(Self { axis, positive })
+    }
+}
+
+impl std::fmt::Display for Direction {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let sign = if self.positive { '+' } else { '-' };
+        let letter = match self.axis {
+            0 => 'x',
+            1 => 'y',
+            _ => 'z',
+        };
+        write!(f, "{sign}{letter}")
+    }
+}
+
+/// What a column of a take is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Role {
+    /// A point on a body or a prop.
+    Marker,
+    /// A result that a program stored among the points (an angle, a force, a power). Not millimetres, never filled, never a neighbour.
+    ModelOutput,
+}
+
+/// A column of a take.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Marker {
+    /// The label as the file writes it, without trailing padding. May be empty, may occur twice.
+    pub label: String,
+    /// What the column holds.
+    pub role: Role,
+}
+
+impl Marker {
+    /// A marker of this name.
+    pub fn new(label: impl Into<String>) -> Self {
+        Self { label: label.into(), role: Role::Marker }
+    }
+
+    /// The label without a subject's prefix: `subject:LKNE` gives `LKNE`.
+    pub fn name(&self) -> &str {
+        self.label.rsplit_once(':').map_or(self.label.as_str(), |(_, name)| name)
+    }
+}
+
+/// One recording: markers × frames, in millimetres and in the axes of its file (which are right-handed in every format we know).
+///
+/// Positions of [`Origin::Missing`] samples are NaN inside and `None` outside.
+/// A take is made by a [`TakeBuilder`]; afterwards the only change it allows is [`Take::fill`].
+#[derive(Clone, Debug)]
+pub struct Take {
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// The file's own number of frame 0.
+    pub first_frame: i64,
+    /// The unit that the file is written in. Positions in here are millimetres whatever this says.
+    pub unit: Unit,
+    /// The axis that points up, if the file says so.
+    pub up: Option<Direction>,
+    /// The columns, in the file's order.
+    pub markers: Vec<Marker>,
+    positions_mm: Grid<[f64; 3]>,
+    origins: Grid<Origin>,
+}
+
+impl Take {
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.origins.frames()
+    }
+
+    /// Seconds from frame 0 to the end of the last frame.
+    pub fn duration_secs(&self) -> f64 {
+        self.frames() as f64 / self.rate_hz
+    }
+
+    /// The number that the file gives to `frame`.
+    pub fn frame_label(&self, frame: usize) -> i64 {
+        self.first_frame.saturating_add(i64::try_from(frame).unwrap_or(i64::MAX))
+    }
+
+    /// Where the sample came from; `Missing` outside the table.
+    pub fn origin(&self, frame: usize, marker: usize) -> Origin {
+        self.origins.get(frame, marker).copied().unwrap_or(Origin::Missing)
+    }
+
+    /// The position in mm, `None` if the sample is missing.
+    pub fn position_mm(&self, frame: usize, marker: usize) -> Option<[f64; 3]> {
+        match self.origin(frame, marker) {
+            Origin::Missing => None,
+            _ => self.positions_mm.get(frame, marker).copied(),
+        }
+    }
+
+    /// Writes a position into a missing sample and marks it [`Origin::Repaired`].
+    /// Returns false, and changes nothing, if the sample is not missing, is a model output, or the position is not finite.
+    pub fn fill(&mut self, frame: usize, marker: usize, position_mm: [f64; 3]) -> bool {
+        if !position_mm.iter().all(|x| x.is_finite()) || self.markers.get(marker).is_none_or(|m| m.role != Role::Marker) {
+            return false;
+        }
+        let (Some(cell), Some(origin)) = (self.positions_mm.get_mut(frame, marker), self.origins.get_mut(frame, marker)) else {
+            return false;
+        };
+        if *origin != Origin::Missing {
+            return false;
+        }
+        *cell = position_mm;
+        *origin = Origin::Repaired;
+        true
+    }
+
+    /// A name to print for a marker: its label, or its number in the file where the label is empty.
+    pub fn display_label(&self, marker: usize) -> String {
+        match self.markers.get(marker) {
+            Some(m) if !m.label.is_empty() => m.label.clone(),
+            _ => format!("#{}", marker + 1),
+        }
+    }
+}
+
+/// Builds a take, cell by cell. Every cell is [`Origin::Missing`] until it is set.
+#[derive(Clone, Debug)]
+pub struct TakeBuilder {
+    take: Take,
+}
+
+impl TakeBuilder {
+    /// A take in which everything is missing, in millimetres, with first frame 1.
+    pub fn new(markers: Vec<Marker>, frames: usize, rate_hz: f64) -> Self {
+        let columns = markers.len();
+        Self {
+            take: Take {
+                rate_hz,
+                first_frame: 1,
+                unit: Unit::Millimetre,
+                up: None,
+                markers,
+                positions_mm: Grid::filled(frames, columns, [f64::NAN; 3]),
+                origins: Grid::filled(frames, columns, Origin::Missing),
+            },
+        }
+    }
+
+    /// Sets the file's own number of frame 0.
+    #[must_use]
+    pub fn first_frame(mut self, first_frame: i64) -> Self {
+        self.take.first_frame = first_frame;
+        self
+    }
+
+    /// Sets the unit that the file is written in.
+    #[must_use]
+    pub fn unit(mut self, unit: Unit) -> Self {
+        self.take.unit = unit;
+        self
+    }
+
+    /// Sets the axis that points up.
+    #[must_use]
+    pub fn up(mut self, up: Option<Direction>) -> Self {
+        self.take.up = up;
+        self
+    }
+
+    /// Sets a sample, in mm. A position that is not finite, or a cell outside the table, leaves the sample missing.
+    /// `origin` says whether it was measured or derived.
+    pub fn set(&mut self, frame: usize, marker: usize, position_mm: [f64; 3], origin: Origin) {
+        if !position_mm.iter().all(|x| x.is_finite()) || origin == Origin::Missing {
+            return;
+        }
+        if let (Some(cell), Some(from)) = (self.take.positions_mm.get_mut(frame, marker), self.take.origins.get_mut(frame, marker)) {
+            *cell = position_mm;
+            *from = origin;
+        }
+    }
+
+    /// Makes a sample missing again.
+    pub fn hide(&mut self, frame: usize, marker: usize) {
+        if let (Some(cell), Some(from)) = (self.take.positions_mm.get_mut(frame, marker), self.take.origins.get_mut(frame, marker)) {
+            *cell = [f64::NAN; 3];
+            *from = Origin::Missing;
+        }
+    }
+
+    /// The finished take.
+    pub fn build(self) -> Take {
+        self.take
+    }
+}
+
+impl From<Take> for TakeBuilder {
+    fn from(take: Take) -> Self {
+        Self { take }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn take() -> Take {
+        let mut b = TakeBuilder::new(vec![Marker::new("A:LKNE"), Marker::new("")], 3, 100.0).first_frame(7);
+        b.set(0, 0, [1.0, 2.0, 3.0], Origin::Measured);
+        b.set(1, 0, [f64::NAN, 2.0, 3.0], Origin::Measured);
+        b.build()
+    }
+
+    #[test]
+    fn fill_touches_missing_samples_only() {
+        let mut t = take();
+        assert!(!t.fill(0, 0, [9.0; 3]), "measured");
+        assert_eq!(t.position_mm(0, 0), Some([1.0, 2.0, 3.0]));
+        assert!(!t.fill(1, 0, [f64::INFINITY, 0.0, 0.0]), "not finite");
+        assert!(t.fill(1, 0, [9.0; 3]));
+        assert_eq!((t.origin(1, 0), t.position_mm(1, 0)), (Origin::Repaired, Some([9.0; 3])));
+        assert!(!t.fill(1, 0, [8.0; 3]), "filled once is filled");
+        assert!(!t.fill(3, 0, [8.0; 3]) && !t.fill(0, 2, [8.0; 3]), "outside the table");
+    }
+
+    #[test]
+    fn nothing_that_is_not_finite_gets_in() {
+        assert_eq!(take().origin(1, 0), Origin::Missing);
+    }
+
+    #[test]
+    fn labels_and_frame_numbers() {
+        let t = take();
+        assert_eq!((t.frame_label(2), t.display_label(0), t.display_label(1)), (9, "A:LKNE".into(), "#2".into()));
+        assert_eq!(t.markers[0].name(), "LKNE");
+    }
+
+    #[test]
+    fn units_and_directions_as_files_write_them() {
+        for (text, unit) in [("mm", Unit::Millimetre), (" M\0", Unit::Metre), ("mete", Unit::Metre), ("CM", Unit::Centimetre)] {
+            assert_eq!(Unit::parse(text), Some(unit), "{text}");
+        }
+        assert_eq!(Unit::parse("deg"), None);
+        assert_eq!(Direction::parse("-y").map(|d| d.to_string()), Some("-y".into()));
+        assert_eq!(Direction::parse("up"), None);
+    }
+}

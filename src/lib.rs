@@ -1,0 +1,1 @@
+//! Fills the gaps of motion-capture takes.
