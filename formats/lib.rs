@@ -10,6 +10,9 @@
 //! The folders beside this file are the formats; [`ALL`] is their one list.
 //! To add one: write its folder, add two lines here, `fixtures/<name>/` and `docs/formats/<name>.md`.
 
+pub mod c3d;
+pub mod csv;
+mod cursor;
 mod error;
 mod grid;
 mod note;
@@ -23,7 +26,7 @@ pub use take::{Direction, Marker, Origin, Role, Take, TakeBuilder, Unit};
 use std::io::Write;
 
 /// Every format, in the order in which they are asked.
-pub static ALL: &[&dyn Format] = &[];
+pub static ALL: &[&dyn Format] = &[&c3d::C3d, &csv::Csv];
 
 /// The largest file that is read, in bytes.
 pub const LARGEST_FILE: u64 = 4 << 30;

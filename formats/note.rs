@@ -60,6 +60,16 @@ pub enum Note {
         /// What is written where, and which was taken.
         text: String,
     },
+    /// Two places of the file contradict each other about what the samples mean; one was taken.
+    Assumed {
+        /// What is written where, and which was taken, and why.
+        text: String,
+    },
+    /// A part of the file cannot be read; the samples can.
+    Damaged {
+        /// Which part, where, and what that means.
+        text: String,
+    },
     /// Labels and columns differ in number.
     LabelCount {
         /// Labels in the file.
@@ -81,6 +91,16 @@ pub enum Note {
     PartialSamples {
         /// How many samples.
         samples: usize,
+    },
+    /// Columns that are neither coordinates nor frame numbers nor times; left as they are.
+    OtherColumns {
+        /// Their names.
+        names: Vec<String>,
+    },
+    /// The file numbers its frames in steps; its rows were counted as consecutive frames.
+    FrameStep {
+        /// The difference between the numbers of neighbouring frames.
+        step: i64,
     },
     /// Filled positions were rounded to what the file can store.
     Rounded {
@@ -105,6 +125,8 @@ impl Note {
             | Self::RateAssumed { .. }
             | Self::AllFlaggedMissing { .. }
             | Self::FrameCount { .. }
+            | Self::Assumed { .. }
+            | Self::Damaged { .. }
             | Self::NotExpressible { .. } => true,
             Self::ZeroReadAsMissing { .. }
             | Self::StaleCoordinates { .. }
@@ -114,6 +136,8 @@ impl Note {
             | Self::DuplicateLabels { .. }
             | Self::ModelOutputs { .. }
             | Self::PartialSamples { .. }
+            | Self::OtherColumns { .. }
+            | Self::FrameStep { .. }
             | Self::Rounded { .. } => false,
         }
     }
@@ -130,10 +154,14 @@ impl Note {
             Self::ResidualGarbage { .. } => "residual-garbage",
             Self::FrameCount { .. } => "frame-count",
             Self::Contradiction { .. } => "contradiction",
+            Self::Assumed { .. } => "assumed",
+            Self::Damaged { .. } => "damaged",
             Self::LabelCount { .. } => "label-count",
             Self::DuplicateLabels { .. } => "duplicate-labels",
             Self::ModelOutputs { .. } => "model-outputs",
             Self::PartialSamples { .. } => "partial-samples",
+            Self::OtherColumns { .. } => "other-columns",
+            Self::FrameStep { .. } => "frame-step",
             Self::Rounded { .. } => "rounded",
             Self::NotExpressible { .. } => "not-expressible",
         }
@@ -161,12 +189,20 @@ impl std::fmt::Display for Note {
                 write!(f, "{samples} samples have a residual that makes no sense; their coordinates were believed")
             }
             Self::FrameCount { claimed, present } => write!(f, "the file claims {claimed} frames and holds {present}"),
-            Self::Contradiction { text } => f.write_str(text),
+            Self::Contradiction { text } | Self::Assumed { text } | Self::Damaged { text } => f.write_str(text),
             Self::LabelCount { labels, columns } => write!(f, "{labels} labels for {columns} columns"),
             Self::DuplicateLabels { labels } => write!(f, "labels that occur more than once: {}", labels.join(", ")),
             Self::ModelOutputs { columns } => write!(f, "{columns} columns are model outputs, not markers; left as they are"),
             Self::PartialSamples { samples } => {
                 write!(f, "{samples} samples have only some of their coordinates; they count as missing, what is given stays as written")
+            }
+            Self::OtherColumns { names } => {
+                let shown: Vec<&str> = names.iter().take(8).map(String::as_str).collect();
+                let more = if names.len() > shown.len() { format!(" and {} more", names.len() - shown.len()) } else { String::new() };
+                write!(f, "columns that are no markers were left as they are: {}{more}", shown.join(", "))
+            }
+            Self::FrameStep { step } => {
+                write!(f, "the frame numbers go up in steps of {step}; the rows were counted as consecutive frames")
             }
             Self::Rounded { step_mm } => write!(f, "filled positions are rounded to the file's own step of {step_mm} mm"),
             Self::NotExpressible { format, what } => write!(f, "{format} cannot hold {what}; left out"),

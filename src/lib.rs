@@ -1,1 +1,26 @@
-//! Fills the gaps of motion-capture takes.
+//! Fills the gaps of motion-capture takes so that bones keep their lengths, and leaves everything else as it was.
+//!
+//! Start with [`repair::repair`], the story of one take from file to file.
+//! Reading and writing files is the other crate, `formats`; [`solve`] is the mathematics and knows no files.
+//!
+//! - [`repair`]: open, decide, solve, fill, write, prove, rename
+//! - [`gaps`], [`bones`]: what is missing and what is stiff
+//! - [`solve`]: problems, solvers, the loop, and its observers
+//! - [`log`]: observers that write: the MCAP log, the progress line
+//! - [`fills`], [`report`], [`inspect`]: what is told afterwards, or beforehand
+//! - [`staging`], [`verify`]: files appear whole or not at all, and only after they were proven
+//! - [`demo`]: a synthetic take to try it on
+//! - [`cli`]: what was typed
+
+pub mod bones;
+pub mod cli;
+pub mod demo;
+pub mod fills;
+pub mod gaps;
+pub mod inspect;
+pub mod log;
+pub mod repair;
+pub mod report;
+pub mod solve;
+pub mod staging;
+pub mod verify;

@@ -1,2 +1,17 @@
-//! The command.
-fn main() {}
+//! The command `mocap-repair`: parse, run, exit code.
+
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+
+fn main() -> ExitCode {
+    // The first interrupt ends the work in an orderly way, the second one at once. Without the handler an interrupt ends it at once,
+    // which harms nothing either: nothing has its final name before it is whole.
+    let _ = ctrlc::set_handler(|| {
+        if INTERRUPTED.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    });
+    ExitCode::from(mocap_repair::cli::main(&INTERRUPTED))
+}

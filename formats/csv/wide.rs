@@ -1,0 +1,225 @@
+//! Wide tables: a row is a frame, three columns are a marker.
+
+use super::NAME;
+use super::clock::Clock;
+use super::header::{Column, Header};
+use super::number::{Numbers, Wrong, whole};
+use super::scan::{Cell, Scanner, decode, excerpt};
+use super::table::{Blank, Table};
+use crate::{FormatError, Place, Role};
+
+/// What the rows of a table said.
+#[derive(Debug)]
+pub(super) struct Rows {
+    /// The samples.
+    pub table: Table,
+    /// How numbers are written.
+    pub numbers: Numbers,
+    /// The times.
+    pub clock: Clock,
+    /// By how much the frame numbers go up.
+    pub frame_step: i64,
+}
+
+/// Reads all rows.
+///
+/// # Errors
+/// A row with too few or too many cells, a cell that is no number, frame numbers with holes, or no rows at all.
+pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Rows, FormatError> {
+    let markers = header.markers.len();
+    let mut table = Table { markers: header.markers.clone(), samples: Vec::new(), blanks: Vec::new(), partial: 0, first_frame: 1 };
+    let mut numbers = Numbers::new(header.separator);
+    let mut clock = Clock::new(header.separator, header.time_unit_secs);
+    let mut scanner = Scanner::resume(bytes, header.separator, header.end, header.next_line);
+    let mut width = Width::new(header);
+    let mut frame_numbers = FrameNumbers::default();
+    let numbered = header.has(Column::Frame);
+    let mut frames = 0u32;
+    let mut empty_row = None; // a row of nothing but separators, as spreadsheets add them at the end
+    while next_row(&mut scanner)? {
+        let line = scanner.line();
+        let (from, blanks_from) = (table.samples.len(), table.blanks.len());
+        table.samples.resize(from + markers, [f64::NAN; 3]);
+        let mut frame_cell = None;
+        let mut time_cell = None;
+        let mut all_blank = true;
+        let mut at = 0usize;
+        loop {
+            let cell = scanner.cell()?;
+            all_blank &= cell.is_blank();
+            match header.columns.get(at) {
+                Some(&Column::Coordinate { marker, axis }) => {
+                    let value = numbers.read(&cell).map_err(|wrong| bad_number(wrong, &cell, line, at))?;
+                    if value.is_none_or(|v| v == 0.0) && table.markers.get(marker).is_some_and(|m| m.role == Role::Marker) {
+                        table.blanks.push(blank(&cell, frames, marker, axis, value.is_some()));
+                    }
+                    if let (Some(v), Some(slot)) = (value, table.samples.get_mut(from + marker).and_then(|s| s.get_mut(axis))) {
+                        *slot = v;
+                    }
+                }
+                Some(Column::Frame) => frame_cell = Some((cell, at)),
+                Some(Column::Time) => time_cell = Some(cell),
+                Some(Column::Label | Column::Other) => {}
+                None => width.surplus(&cell),
+            }
+            at += 1;
+            if cell.ends_row {
+                break;
+            }
+        }
+        if numbered && all_blank {
+            table.samples.truncate(from);
+            table.blanks.truncate(blanks_from);
+            empty_row = empty_row.or(Some(line));
+            continue;
+        }
+        if let Some(line) = empty_row {
+            return Err(empty_line(line));
+        }
+        width.check(at, line)?;
+        table.close_row(from, blanks_from);
+        let frame = match frame_cell {
+            Some((cell, column)) => frame_numbers.next(&cell, line, column)?,
+            None => i64::from(frames) + 1,
+        };
+        if frames == 0 {
+            table.first_frame = frame;
+        }
+        if let Some(cell) = time_cell {
+            clock.tick(frame, &cell, line);
+        }
+        frames = frames.checked_add(1).ok_or_else(|| too_many_rows(line))?;
+    }
+    if frames == 0 {
+        return Err(no_rows());
+    }
+    Ok(Rows { table, numbers, clock, frame_step: frame_numbers.step.unwrap_or(1) })
+}
+
+/// Steps to the next row; false at the end of the file, which may have empty lines before it.
+pub(super) fn next_row(scanner: &mut Scanner<'_>) -> Result<bool, FormatError> {
+    let line = scanner.line();
+    scanner.skip_blank_lines();
+    if scanner.at_end() {
+        return Ok(false);
+    }
+    if scanner.line() == line { Ok(true) } else { Err(empty_line(line)) }
+}
+
+/// The place of a cell that can be filled.
+pub(super) fn blank(cell: &Cell<'_>, frame: u32, marker: usize, axis: usize, zero: bool) -> Blank {
+    Blank {
+        start: cell.start as u64,
+        len: u32::try_from(cell.text.len()).unwrap_or(u32::MAX), // a number of 4 GiB would be the whole file
+        frame,
+        marker: marker as u32,
+        axis: axis as u8,
+        quoted: cell.quoted,
+        zero,
+    }
+}
+
+/// Watches that all rows have the same number of cells, and the header's.
+#[derive(Clone, Debug)]
+pub(super) struct Width {
+    header: usize,
+    /// Columns of the header that rows may lack, because they have no name.
+    nameless: usize,
+    first_row: Option<usize>,
+    surplus: bool,
+}
+
+impl Width {
+    pub fn new(header: &Header) -> Self {
+        Self { header: header.columns.len(), nameless: header.nameless_tail, first_row: None, surplus: false }
+    }
+
+    /// Takes in a cell for which the header has no column. Only separators at the end of every row are harmless.
+    pub fn surplus(&mut self, cell: &Cell<'_>) {
+        self.surplus |= !cell.is_blank();
+    }
+
+    /// Judges a finished row.
+    pub fn check(&mut self, cells: usize, line: u64) -> Result<(), FormatError> {
+        let header = self.header;
+        let fits = !self.surplus && cells + self.nameless >= header;
+        let expected = match self.first_row {
+            _ if !fits => format!("the header has {header}"),
+            Some(first) if first != cells => format!("the first row has {first}"),
+            _ => {
+                self.first_row = Some(cells);
+                return Ok(());
+            }
+        };
+        let text = format!("this row has {cells} columns, {expected}; nothing was skipped, delete or complete this row");
+        Err(FormatError::malformed(NAME, Place::Line { line, column: None }, text))
+    }
+}
+
+/// Watches that frame numbers go up by the same step from row to row.
+#[derive(Clone, Debug, Default)]
+struct FrameNumbers {
+    last: Option<i64>,
+    step: Option<i64>,
+}
+
+impl FrameNumbers {
+    fn next(&mut self, cell: &Cell<'_>, line: u64, column: usize) -> Result<i64, FormatError> {
+        let number = frame_number(cell, line, column)?;
+        if let Some(last) = self.last {
+            let step = number.saturating_sub(last);
+            if step < 1 || self.step.is_some_and(|s| s != step) {
+                let expected = last.saturating_add(self.step.unwrap_or(1));
+                let text = format!(
+                    "frame {number} follows frame {last}, expected {expected}; add the missing rows with empty cells, or rename the column \
+                     \"frame\" to have it left alone"
+                );
+                return Err(FormatError::malformed(NAME, place(line, column), text));
+            }
+            self.step = Some(step);
+        }
+        self.last = Some(number);
+        Ok(number)
+    }
+}
+
+/// The frame number in a cell.
+pub(super) fn frame_number(cell: &Cell<'_>, line: u64, column: usize) -> Result<i64, FormatError> {
+    whole(cell).ok_or_else(|| {
+        let text = format!("\"{}\" is not a whole number below 9e15, expected the number of a frame; correct it", excerpt(&decode(cell)));
+        FormatError::malformed(NAME, place(line, column), text)
+    })
+}
+
+pub(super) fn bad_number(wrong: Wrong, cell: &Cell<'_>, line: u64, column: usize) -> FormatError {
+    let found = excerpt(&decode(cell));
+    let text = match wrong {
+        Wrong::NotANumber => {
+            format!("\"{found}\" is not a number, expected a coordinate; correct it, or leave the cell empty if it is missing")
+        }
+        Wrong::OtherSign { usual } => {
+            format!("\"{found}\" has another decimal sign than the numbers before, which have \"{usual}\"; write all numbers in one way")
+        }
+    };
+    FormatError::malformed(NAME, place(line, column), text)
+}
+
+fn place(line: u64, column: usize) -> Place {
+    Place::Line { line, column: Some(column as u64 + 1) }
+}
+
+fn empty_line(line: u64) -> FormatError {
+    FormatError::malformed(
+        NAME,
+        Place::Line { line, column: None },
+        "this row is empty, but rows follow; nothing was skipped, delete or complete it",
+    )
+}
+
+pub(super) fn no_rows() -> FormatError {
+    FormatError::malformed(NAME, Place::Whole, "there is a header, but no row of numbers follows; export the take again")
+}
+
+pub(super) fn too_many_rows(line: u64) -> FormatError {
+    FormatError::too_large(NAME, Place::Line { line, column: None }, "more than 4294967295 rows; split the file")
+}

@@ -1,0 +1,332 @@
+//! What was typed, the help text, and what is printed. The only file that prints.
+#![allow(clippy::print_stdout, clippy::print_stderr)] // this is where output belongs
+
+use crate::demo::{DemoOptions, write_demo};
+use crate::gaps::Policy;
+use crate::inspect::Inspection;
+use crate::log::Terminal;
+use crate::repair::{RepairError, Request, open, repair};
+use crate::report::lines;
+use crate::solve::{Method, Settings};
+use crate::bones;
+use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum, error::ErrorKind};
+use formats::{Role, Stated, Unit};
+use serde::Serialize;
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+const AFTER_HELP: &str = "\
+Exit codes:
+  0  every gap is filled and the log is complete
+  1  failed; no output was written
+  2  the command line was wrong
+  3  the output exists, but look at it: a gap was left open, something was assumed or lost,
+     the iteration did not converge, or there is no log";
+
+/// Fills the gaps of motion-capture takes so that bones keep their lengths, and leaves everything else as it was.
+#[derive(Debug, Parser)]
+#[command(name = "mocap-repair", version, after_help = AFTER_HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub struct Cli {
+    #[command(subcommand)]
+    command: Option<Command>,
+    #[command(flatten)]
+    repair: RepairArgs,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Say what is in takes: rate, frames, units, markers, gaps, bones, oddities
+    Inspect {
+        /// Takes to look at
+        #[arg(required = true, value_name = "IN")]
+        inputs: Vec<PathBuf>,
+        #[command(flatten)]
+        stated: StatedArgs,
+        /// One JSON document per take
+        #[arg(long)]
+        json: bool,
+    },
+    /// Print the bones that are found in a take, in the form that --bones reads
+    Bones {
+        /// The take
+        #[arg(value_name = "IN")]
+        input: PathBuf,
+        #[command(flatten)]
+        stated: StatedArgs,
+    },
+    /// Make a synthetic take of a walking figure: its truth, and the same with gaps, as C3D and CSV
+    Demo {
+        /// Folder to write to; made if it is not there
+        #[arg(short, long, value_name = "DIR")]
+        output: PathBuf,
+        /// Number of frames
+        #[arg(long, default_value_t = DemoOptions::default().frames as u32, value_parser = clap::value_parser!(u32).range(60..=200_000))]
+        frames: u32,
+        /// Frames per second
+        #[arg(long, value_name = "HZ", default_value_t = DemoOptions::default().rate_hz, value_parser = positive)]
+        rate: f64,
+        /// Another seed makes another walk
+        #[arg(long, default_value_t = DemoOptions::default().seed)]
+        seed: u64,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
+    },
+}
+
+#[derive(Debug, Args)]
+struct StatedArgs {
+    /// Frame rate, if the file does not say it or says it wrong
+    #[arg(long, value_name = "HZ", value_parser = positive)]
+    rate: Option<f64>,
+    /// Unit of length, if the file does not say it or says it wrong
+    #[arg(long, value_enum)]
+    units: Option<UnitArg>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum UnitArg {
+    Mm,
+    Cm,
+    M,
+}
+
+impl StatedArgs {
+    fn stated(&self) -> Stated {
+        let unit = self.units.map(|u| match u {
+            UnitArg::Mm => Unit::Millimetre,
+            UnitArg::Cm => Unit::Centimetre,
+            UnitArg::M => Unit::Metre,
+        });
+        Stated { rate_hz: self.rate, unit }
+    }
+}
+
+#[derive(Debug, Args)]
+#[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
+struct RepairArgs {
+    /// The take to repair; it is never written
+    #[arg(value_name = "IN", required = true)]
+    input: Option<PathBuf>,
+    /// The repaired take; its extension may name another format
+    #[arg(short, long, value_name = "OUT", required_unless_present_any = ["in_place", "dry_run"])]
+    output: Option<PathBuf>,
+    /// How to fill
+    #[arg(long, value_name = "METHOD", default_value = Method::BoleroSc.name(), value_parser = method)]
+    method: Method,
+    /// Dimension of the hidden state
+    #[arg(long, value_name = "H", default_value_t = Settings::default().hidden as u32, value_parser = clap::value_parser!(u32).range(1..=256))]
+    hidden: u32,
+    /// Weight of all bones as in the paper, 1/m^4 [default: each bone by its own spread]
+    #[arg(long, value_name = "L", value_parser = positive)]
+    lambda: Option<f64>,
+    /// The most EM iterations
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    iterations: u32,
+    /// Stop when the log-likelihood changes by less than this share of itself
+    #[arg(long, value_name = "E", default_value_t = 1e-4, value_parser = positive)]
+    tolerance: f64,
+    /// The paper's E-step, which takes the present fill for measured
+    #[arg(long)]
+    impute: bool,
+    /// Seed for methods that draw random numbers
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Leave gaps longer than this open, whole
+    #[arg(long, value_name = "FRAMES")]
+    max_gap: Option<usize>,
+    /// Fill gaps that reach the take's first or last frame, too
+    #[arg(long)]
+    extrapolate: bool,
+    /// Fill these markers only (labels with or without prefix; * and ? allowed); all others still help
+    #[arg(long, value_name = "PATTERN", value_delimiter = ',')]
+    markers: Vec<String>,
+    /// Bones to keep (CSV: marker,marker[,length in mm]) instead of those found
+    #[arg(long, value_name = "FILE")]
+    bones: Option<PathBuf>,
+    #[command(flatten)]
+    stated: StatedArgs,
+    /// Write one row per filled sample
+    #[arg(long, value_name = "FILE.csv")]
+    fills: Option<PathBuf>,
+    /// Write the log here [default: the output's name with .mcap]
+    #[arg(long, value_name = "FILE.mcap", conflicts_with = "no_log")]
+    log: Option<PathBuf>,
+    /// Write no log
+    #[arg(long)]
+    no_log: bool,
+    /// Write computing times into the log (then it differs from run to run)
+    #[arg(long)]
+    timings: bool,
+    /// Replace files that exist
+    #[arg(long)]
+    force: bool,
+    /// Put the repaired take under the input's name and keep the input as IN.orig
+    #[arg(long, conflicts_with = "output")]
+    in_place: bool,
+    /// Read, decide and report; solve and write nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// Report as JSON lines on standard output
+    #[arg(long)]
+    json: bool,
+    /// Print nothing unless it failed
+    #[arg(short, long)]
+    quiet: bool,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
+        _ => Err("expected a number above 0".to_owned()),
+    }
+}
+
+fn method(text: &str) -> Result<Method, String> {
+    Method::parse(text).ok_or_else(|| format!("expected one of: {}", Method::ALL.map(Method::name).join(", ")))
+}
+
+impl RepairArgs {
+    fn request(&self) -> Request {
+        let input = self.input.clone().unwrap_or_default();
+        let output = self.output.clone().unwrap_or_else(|| input.clone());
+        let log = if self.no_log || self.dry_run { None } else { Some(self.log.clone().unwrap_or_else(|| output.with_extension("mcap"))) };
+        Request {
+            in_place: self.in_place,
+            log,
+            fills: self.fills.clone(),
+            bones: self.bones.clone(),
+            force: self.force,
+            dry_run: self.dry_run,
+            timings: self.timings,
+            method: self.method,
+            settings: Settings { hidden: self.hidden as usize, lambda: self.lambda, impute: self.impute },
+            iterations: self.iterations,
+            tolerance: self.tolerance,
+            seed: self.seed,
+            policy: Policy { max_gap: self.max_gap, extrapolate: self.extrapolate },
+            markers: self.markers.clone(),
+            stated: self.stated.stated(),
+            input,
+            output,
+        }
+    }
+}
+
+/// Parses the command line, does what it says and returns the exit code.
+pub fn main(interrupt: &AtomicBool) -> u8 {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            let code = if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) { 0 } else { 2 };
+            // a closed pipe is no reason to fail while failing
+            let _ = error.print();
+            return code;
+        }
+    };
+    match cli.command {
+        Some(Command::Inspect { inputs, stated, json }) => inspect(&inputs, &stated.stated(), json),
+        Some(Command::Bones { input, stated }) => print_bones(&input, &stated.stated()),
+        Some(Command::Demo { output, frames, rate, seed, force }) => {
+            demo(&output, &DemoOptions { frames: frames as usize, rate_hz: rate, seed, ..DemoOptions::default() }, force)
+        }
+        None => run_repair(&cli.repair, interrupt),
+    }
+}
+
+fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
+    let request = args.request();
+    let mut terminal = (std::io::stderr().is_terminal() && !args.quiet && !args.json).then(|| Terminal::new(&request.input));
+    let result = repair(&request, &mut terminal, interrupt);
+    drop(terminal);
+    match result {
+        Ok(report) => {
+            if args.json {
+                print(&report.json());
+            } else if !args.quiet {
+                print(&report.text());
+            }
+            report.exit_code()
+        }
+        Err(error) => {
+            fail(&error, args.json);
+            1
+        }
+    }
+}
+
+fn inspect(inputs: &[PathBuf], stated: &Stated, json: bool) -> u8 {
+    let mut code = 0;
+    for (at, path) in inputs.iter().enumerate() {
+        match open(path, stated) {
+            Ok(opened) => {
+                let inspection = Inspection::new(path, &opened);
+                if json {
+                    print(&inspection.json());
+                } else {
+                    print(&format!("{}{}", if at > 0 { "\n" } else { "" }, inspection.text()));
+                }
+            }
+            Err(error) => {
+                fail(&error, json);
+                code = 1;
+            }
+        }
+    }
+    code
+}
+
+fn print_bones(path: &Path, stated: &Stated) -> u8 {
+    match open(path, stated) {
+        Ok(opened) => {
+            let take = opened.document.take();
+            let include: Vec<bool> = take.markers.iter().map(|m| m.role == Role::Marker).collect();
+            print(&bones::write(&bones::find(take, &include), take));
+            0
+        }
+        Err(error) => {
+            fail(&error, false);
+            1
+        }
+    }
+}
+
+fn demo(folder: &Path, options: &DemoOptions, force: bool) -> u8 {
+    match write_demo(folder, options, force) {
+        Ok(files) => {
+            for file in files {
+                print(&format!("{}\n", file.display()));
+            }
+            0
+        }
+        Err(error) => {
+            fail(&error, false);
+            1
+        }
+    }
+}
+
+/// One line on standard error, or one JSON line on standard output.
+fn fail(error: &RepairError, json: bool) {
+    #[derive(Serialize)]
+    #[serde(tag = "message_type", rename = "error")]
+    struct Message {
+        text: String,
+    }
+    if json {
+        print(&lines(&[Message { text: error.to_string() }]));
+    } else {
+        eprintln!("mocap-repair: {error}");
+    }
+}
+
+/// Prints to standard output; a reader that has gone away is not our failure.
+fn print(text: &str) {
+    let _ = std::io::stdout().lock().write_all(text.as_bytes());
+}
+
+/// The command for shells' completions and the manual.
+pub fn command() -> clap::Command {
+    Cli::command()
+}

@@ -1,0 +1,80 @@
+//! The filled samples: written into the take, and as a table for whoever wants to know each of them.
+
+use crate::gaps::Open;
+use crate::solve::{Estimate, Gap, Method, Problem};
+use formats::Take;
+use std::io::{self, Write};
+
+/// A sample that was filled.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Filled {
+    /// Counted from 0.
+    pub frame: usize,
+    /// Column of the take.
+    pub marker: usize,
+    /// Index of its gap in the list of gaps.
+    pub gap: usize,
+    /// Position, mm.
+    pub position_mm: [f64; 3],
+    /// Predicted standard deviation of the 3-D error, mm; NaN if the method cannot say.
+    pub sigma_mm: f64,
+}
+
+/// Fills the gaps that were decided for, whole or not at all, and returns their samples, gap by gap.
+/// A gap for which the estimate has a hole stays open: its decision becomes [`Open::Unsolved`].
+pub fn fill(
+    take: &mut Take,
+    problem: &Problem,
+    estimate: &Estimate,
+    gaps: &[Gap],
+    decisions: &mut [Result<(), Open>],
+) -> Vec<Filled> {
+    let mut filled = Vec::new();
+    for ((at, gap), decision) in gaps.iter().enumerate().zip(decisions) {
+        if decision.is_err() {
+            continue;
+        }
+        let samples: Option<Vec<Filled>> = problem.columns.binary_search(&gap.marker).ok().and_then(|column| {
+            (gap.start..gap.end)
+                .map(|frame| {
+                    let k = problem.missing.binary_search(&(frame, column)).ok()?;
+                    let position_mm = *estimate.positions_mm.get(k)?;
+                    position_mm.iter().all(|x| x.is_finite()).then(|| Filled {
+                        frame,
+                        marker: gap.marker,
+                        gap: at,
+                        position_mm,
+                        sigma_mm: estimate.sigma_mm.get(k).copied().unwrap_or(f64::NAN),
+                    })
+                })
+                .collect()
+        });
+        match samples {
+            Some(samples) => {
+                for s in &samples {
+                    take.fill(s.frame, s.marker, s.position_mm);
+                }
+                filled.extend(samples);
+            }
+            None => *decision = Err(Open::Unsolved),
+        }
+    }
+    filled
+}
+
+/// Writes one row per filled sample: `frame_index` (from 0), `frame` (the file's number), `marker`, `x`, `y`, `z` (mm), `sigma_mm` (empty if unknown),
+/// `gap` (from 1), `method`.
+///
+/// # Errors
+/// I/O errors of `out`.
+pub fn write(samples: &[Filled], take: &Take, method: Method, out: &mut dyn Write) -> io::Result<()> {
+    let mut text = io::BufWriter::new(out);
+    writeln!(text, "frame_index,frame,marker,x,y,z,sigma_mm,gap,method")?;
+    for s in samples {
+        let [x, y, z] = s.position_mm;
+        let sigma = if s.sigma_mm.is_finite() { format!("{:.3}", s.sigma_mm) } else { String::new() };
+        let label = crate::bones::quoted(&take.display_label(s.marker));
+        writeln!(text, "{},{},{label},{x:.4},{y:.4},{z:.4},{sigma},{},{}", s.frame, take.frame_label(s.frame), s.gap + 1, method.name())?;
+    }
+    text.flush()
+}

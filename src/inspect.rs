@@ -1,0 +1,193 @@
+//! What is in a take: for people and scripts that want to know before they repair.
+
+use crate::bones;
+use crate::gaps::gaps;
+use crate::repair::Opened;
+use crate::report::{lines, short};
+use formats::{Note, Origin, Role};
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::Path;
+
+/// What is in one file.
+#[derive(Clone, Debug, Serialize)]
+#[serde(tag = "message_type", rename = "inspect")]
+pub struct Inspection {
+    file: String,
+    format: &'static str,
+    frames: usize,
+    first_frame: i64,
+    rate_hz: f64,
+    duration_s: f64,
+    unit: &'static str,
+    up: Option<String>,
+    markers: Vec<MarkerLine>,
+    model_outputs: usize,
+    samples_missing: usize,
+    samples_derived: usize,
+    gaps: Vec<GapLine>,
+    bones: Vec<BoneLine>,
+    notes: Vec<NoteLine>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct MarkerLine {
+    label: String,
+    missing: usize,
+    gaps: usize,
+    longest_gap: usize,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct GapLine {
+    marker: String,
+    first_frame: i64,
+    last_frame: i64,
+    frames: usize,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct BoneLine {
+    a: String,
+    b: String,
+    length_mm: f64,
+    spread_mm: f64,
+}
+
+#[derive(Clone, Debug, Serialize)]
+struct NoteLine {
+    kind: &'static str,
+    text: String,
+    matters: bool,
+}
+
+impl Inspection {
+    /// Looks at an opened file.
+    pub fn new(path: &Path, opened: &Opened) -> Self {
+        let take = opened.document.take();
+        let include: Vec<bool> = take.markers.iter().map(|m| m.role == Role::Marker).collect();
+        let found = gaps(take);
+        let mut markers: Vec<(usize, MarkerLine)> = (0..take.markers.len())
+            .filter(|&m| include[m])
+            .map(|m| (m, MarkerLine { label: take.display_label(m), missing: 0, gaps: 0, longest_gap: 0 }))
+            .collect();
+        for gap in &found {
+            if let Ok(at) = markers.binary_search_by_key(&gap.marker, |(m, _)| *m) {
+                let line = &mut markers[at].1;
+                line.missing += gap.frames();
+                line.gaps += 1;
+                line.longest_gap = line.longest_gap.max(gap.frames());
+            }
+        }
+        let derived = (0..take.frames())
+            .map(|f| (0..take.markers.len()).filter(|&m| include[m] && take.origin(f, m) == Origin::Derived).count())
+            .sum();
+        Self {
+            file: path.display().to_string(),
+            format: opened.format.info().name,
+            frames: take.frames(),
+            first_frame: take.first_frame,
+            rate_hz: take.rate_hz,
+            duration_s: take.duration_secs(),
+            unit: take.unit.symbol(),
+            up: take.up.map(|d| d.to_string()),
+            model_outputs: include.iter().filter(|&&i| !i).count(),
+            samples_missing: found.iter().map(|g| g.frames()).sum(),
+            samples_derived: derived,
+            gaps: found
+                .iter()
+                .map(|g| GapLine {
+                    marker: take.display_label(g.marker),
+                    first_frame: take.frame_label(g.start),
+                    last_frame: take.frame_label(g.end - 1),
+                    frames: g.frames(),
+                })
+                .collect(),
+            bones: bones::find(take, &include)
+                .iter()
+                .map(|b| BoneLine {
+                    a: take.display_label(b.a),
+                    b: take.display_label(b.b),
+                    length_mm: (b.length_mm * 100.0).round() / 100.0,
+                    spread_mm: (b.spread_mm * 100.0).round() / 100.0,
+                })
+                .collect(),
+            notes: opened
+                .notes
+                .take()
+                .iter()
+                .map(|n: &Note| NoteLine { kind: n.kind(), text: n.to_string(), matters: n.matters() })
+                .collect(),
+            markers: markers.into_iter().map(|(_, line)| line).collect(),
+        }
+    }
+
+    /// True if the file needs a person's look: something was assumed.
+    pub fn matters(&self) -> bool {
+        self.notes.iter().any(|n| n.matters)
+    }
+
+    /// As one JSON line.
+    pub fn json(&self) -> String {
+        lines(std::slice::from_ref(self))
+    }
+
+    /// For people.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        // writing to a String cannot fail, hence the ignored results
+        let _ = writeln!(out, "{}", self.file);
+        let _ = writeln!(
+            out,
+            "  {}, {} frames from {} at {} Hz ({:.2} s), in {}{}",
+            self.format,
+            self.frames,
+            self.first_frame,
+            short(self.rate_hz),
+            self.duration_s,
+            self.unit,
+            self.up.as_ref().map_or_else(|| ", up not stated".to_owned(), |up| format!(", {up} up"))
+        );
+        let samples = self.frames * self.markers.len();
+        let _ = writeln!(
+            out,
+            "  {} markers, {} gaps, {} of {samples} samples missing ({:.2} %), {} bones",
+            self.markers.len(),
+            self.gaps.len(),
+            self.samples_missing,
+            100.0 * self.samples_missing as f64 / samples.max(1) as f64,
+            self.bones.len()
+        );
+        if self.model_outputs > 0 {
+            let _ = writeln!(out, "  {} model outputs, which are no markers", self.model_outputs);
+        }
+        if self.samples_derived > 0 {
+            let _ = writeln!(out, "  {} samples were filled or filtered by someone else, says the file", self.samples_derived);
+        }
+        for note in &self.notes {
+            let _ = writeln!(out, "  {}: {}", if note.matters { "look at" } else { "note" }, note.text);
+        }
+        let width = self.markers.iter().map(|m| m.label.chars().count()).max().unwrap_or(0).clamp(6, 30);
+        if !self.markers.is_empty() {
+            let _ = writeln!(out, "\n  {:<width$}  {:>8} {:>8} {:>6} {:>12}", "marker", "missing", "share", "gaps", "longest gap");
+            for m in &self.markers {
+                let share = 100.0 * m.missing as f64 / self.frames.max(1) as f64;
+                let _ = writeln!(out, "  {:<width$}  {:>8} {share:>6.1} % {:>6} {:>12}", m.label, m.missing, m.gaps, m.longest_gap);
+            }
+        }
+        if !self.gaps.is_empty() {
+            let _ = writeln!(out, "\n  {:<width$}  {:>8} {:>8} {:>7}", "gap of", "first", "last", "frames");
+            for g in &self.gaps {
+                let _ = writeln!(out, "  {:<width$}  {:>8} {:>8} {:>7}", g.marker, g.first_frame, g.last_frame, g.frames);
+            }
+        }
+        if !self.bones.is_empty() {
+            let _ = writeln!(out, "\n  {:<w$}  {:>10} {:>10}", "bone", "length mm", "spread mm", w = 2 * width + 1);
+            for b in &self.bones {
+                let name = format!("{}-{}", b.a, b.b);
+                let _ = writeln!(out, "  {name:<w$}  {:>10.1} {:>10.2}", b.length_mm, b.spread_mm, w = 2 * width + 1);
+            }
+        }
+        out
+    }
+}

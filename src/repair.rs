@@ -1,0 +1,509 @@
+//! The story of one take, from file to file. Read [`repair`] first.
+
+use crate::bones::{self, BonesError};
+use crate::gaps::{Open, Policy, gaps};
+use crate::log::{About, Closing, LogError, McapLog};
+use crate::report::{GapReport, Report, StageReport};
+use crate::solve::{Bone, Gap, Limits, Method, Observer, Outcome, Problem, Settings, Stop, run};
+use crate::verify::{Broken, verify};
+use crate::{fills, staging};
+use formats::{DetectError, Document, Format, FormatError, Notes, Role, Stated, Take};
+use sha2::{Digest, Sha256};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// What is wanted.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// The take to read. Never written, except that `in_place` puts the repaired file under its name.
+    pub input: PathBuf,
+    /// The file to write; not used with `dry_run`.
+    pub output: PathBuf,
+    /// Replace the input by the repaired take, and keep the input as `<name>.orig`.
+    pub in_place: bool,
+    /// The log to write, if any.
+    pub log: Option<PathBuf>,
+    /// The table of filled samples to write, if any.
+    pub fills: Option<PathBuf>,
+    /// A file of bones that overrules those found.
+    pub bones: Option<PathBuf>,
+    /// Replace files that exist.
+    pub force: bool,
+    /// Read, decide and report, but solve and write nothing.
+    pub dry_run: bool,
+    /// Write computing times into the log.
+    pub timings: bool,
+    /// How to fill.
+    pub method: Method,
+    /// Settings of the method.
+    pub settings: Settings,
+    /// The most EM iterations.
+    pub iterations: u32,
+    /// Relative change of the log-likelihood that counts as none.
+    pub tolerance: f64,
+    /// Seed of the random numbers, for methods that draw some.
+    pub seed: u64,
+    /// Which gaps are filled.
+    pub policy: Policy,
+    /// Patterns of the markers whose gaps are filled; all if empty.
+    pub markers: Vec<String>,
+    /// What the user states about the file.
+    pub stated: Stated,
+}
+
+/// Largest movement of a filled sample in one EM round that counts as none, mm.
+pub const STILL_MM: f64 = 2.0;
+
+/// Why a take could not be repaired. Every text begins with the file it is about.
+#[derive(Debug, thiserror::Error)]
+pub enum RepairError {
+    /// A file could not be read or written.
+    #[error("{path}: {problem}", path = .path.display())]
+    Io {
+        /// Which.
+        path: PathBuf,
+        /// What was found, what was expected, the way out.
+        problem: String,
+    },
+    /// The format is not known.
+    #[error("{path}: {error}", path = .path.display())]
+    Detect {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        error: DetectError,
+    },
+    /// The content is not right, or cannot be written.
+    #[error("{path}: {error}", path = .path.display())]
+    Format {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        error: FormatError,
+    },
+    /// The bones cannot be used.
+    #[error("{path}: {error}", path = .path.display())]
+    Bones {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        error: BonesError,
+    },
+    /// A pattern fits no marker.
+    #[error("{path}: --markers {pattern} fits no marker; the take has {labels}", path = .path.display())]
+    NoSuchMarker {
+        /// The take.
+        path: PathBuf,
+        /// The pattern.
+        pattern: String,
+        /// What the take has.
+        labels: String,
+    },
+    /// The written file is not what it should be.
+    #[error("{path}: {error}", path = .path.display())]
+    Verify {
+        /// The output.
+        path: PathBuf,
+        /// What differs.
+        error: Broken,
+    },
+    /// The solver broke down.
+    #[error("{path}: {method} failed: {problem}; try --method spline, or fewer hidden dimensions with --hidden", path = .path.display())]
+    Solve {
+        /// The take.
+        path: PathBuf,
+        /// Which method.
+        method: &'static str,
+        /// What broke.
+        problem: String,
+    },
+    /// Somebody stopped it.
+    #[error("{path}: interrupted, nothing was written", path = .path.display())]
+    Interrupted {
+        /// The take.
+        path: PathBuf,
+    },
+}
+
+/// An opened take with what was learned on the way.
+pub struct Opened {
+    /// The file's format.
+    pub format: &'static dyn Format,
+    /// The opened file.
+    pub document: Box<dyn Document>,
+    /// What was assumed or found odd.
+    pub notes: Notes,
+    /// SHA-256 of the file, hexadecimal.
+    pub sha256: String,
+}
+
+/// Reads and opens a file.
+///
+/// # Errors
+/// It cannot be read, is of no known format, or is damaged.
+pub fn open(path: &Path, stated: &Stated) -> Result<Opened, RepairError> {
+    let bytes = read(path)?;
+    let extension = path.extension().and_then(|e| e.to_str());
+    let head = &bytes[..bytes.len().min(4096)];
+    let format = formats::detect(head, extension).map_err(|error| RepairError::Detect { path: path.to_owned(), error })?;
+    let sha256 = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
+    let notes = Notes::new();
+    let document = format.open(bytes, stated, &notes).map_err(|error| RepairError::Format { path: path.to_owned(), error })?;
+    Ok(Opened { format, document, notes, sha256 })
+}
+
+/// Repairs one take: the main job.
+///
+/// # Errors
+/// Whatever keeps the output from being written whole; then no file was written at all.
+pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBool) -> Result<Report, RepairError> {
+    if !request.dry_run {
+        check_names(request)?;
+    }
+    let opened = open(&request.input, &request.stated)?;
+    let before = opened.document.take();
+    let found = gaps(before);
+    let (bones, stated_bones) = chosen_bones(request, before)?;
+    let asked_for = asked_for(request, before)?;
+    let mut decisions: Vec<Result<(), Open>> =
+        found.iter().map(|gap| request.policy.decide(gap, before, asked_for[gap.marker])).collect();
+    let mut report = Report::new(request, &opened, &bones, stated_bones);
+    let mut repaired = before.clone();
+    if !request.dry_run {
+        let problem = Problem::new(before, &neighbours(before), &bones);
+        let mut log = start_log(request, &opened, &bones, &mut report);
+        if decisions.iter().any(Result::is_ok) && problem.markers() > 0 {
+            let mut solver = request.method.solver(&problem, &request.settings);
+            let limits =
+                Limits { steps: request.iterations, tolerance: request.tolerance, still_mm: STILL_MM, interrupt: Some(interrupt) };
+            let outcome = run(solver.as_mut(), &problem, 0, &limits, &mut (&mut log, watch));
+            if interrupt.load(Ordering::Relaxed) {
+                return Err(RepairError::Interrupted { path: request.input.clone() });
+            }
+            accept(request, &outcome)?;
+            report.stages.push(StageReport::new(solver.name(), &outcome));
+            let estimate = solver.estimate();
+            report.samples = fills::fill(&mut repaired, &problem, estimate, &found, &mut decisions);
+        } else {
+            for decision in decisions.iter_mut().filter(|d| d.is_ok()) {
+                *decision = Err(Open::Unsolved);
+            }
+        }
+        report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
+        report.judge_bones(&bones, &repaired);
+        write_out(request, &opened, &repaired, log, &mut report)?;
+    } else {
+        report.gaps = GapReport::all(&found, &decisions, before, &[]);
+    }
+    report.notes = opened.notes.take();
+    Ok(report)
+}
+
+/// A solver that broke down is an error; one that merely ran out of steps is not.
+fn accept(request: &Request, outcome: &Outcome) -> Result<(), RepairError> {
+    match (&outcome.stop, &outcome.error) {
+        (Stop::Failed, error) => Err(RepairError::Solve {
+            path: request.input.clone(),
+            method: request.method.name(),
+            problem: error.as_ref().map_or_else(|| "no reason given".to_owned(), ToString::to_string),
+        }),
+        _ => Ok(()),
+    }
+}
+
+/// Columns that take part in solving: all markers.
+fn neighbours(take: &Take) -> Vec<bool> {
+    take.markers.iter().map(|m| m.role == Role::Marker).collect()
+}
+
+/// The bones, and whether the user stated them.
+fn chosen_bones(request: &Request, take: &Take) -> Result<(Vec<Bone>, bool), RepairError> {
+    let Some(path) = &request.bones else {
+        return Ok((bones::find(take, &neighbours(take)), false));
+    };
+    let wrong = |error| RepairError::Bones { path: path.clone(), error };
+    let stated = bones::parse(&read(path)?).map_err(wrong)?;
+    Ok((bones::resolve(&stated, take).map_err(wrong)?, true))
+}
+
+/// For each column, whether its gaps may be filled.
+fn asked_for(request: &Request, take: &Take) -> Result<Vec<bool>, RepairError> {
+    let mut asked = vec![request.markers.is_empty(); take.markers.len()];
+    for pattern in &request.markers {
+        let mut fits = false;
+        for (column, marker) in take.markers.iter().enumerate() {
+            if marker.role == Role::Marker && (matches(pattern, &marker.label) || matches(pattern, marker.name())) {
+                asked[column] = true;
+                fits = true;
+            }
+        }
+        if !fits {
+            let labels = (0..take.markers.len()).map(|m| take.display_label(m)).collect::<Vec<_>>().join(", ");
+            return Err(RepairError::NoSuchMarker { path: request.input.clone(), pattern: pattern.clone(), labels });
+        }
+    }
+    Ok(asked)
+}
+
+/// True if `pattern`, in which `*` stands for any text and `?` for one character, fits the whole of `text`.
+fn matches(pattern: &str, text: &str) -> bool {
+    let (pattern, text): (Vec<char>, Vec<char>) = (pattern.chars().collect(), text.chars().collect());
+    let (mut p, mut t) = (0, 0);
+    let mut star: Option<(usize, usize)> = None;
+    while t < text.len() {
+        match pattern.get(p) {
+            Some('*') => {
+                star = Some((p, t));
+                p += 1;
+            }
+            Some(&c) if c == '?' || c == text[t] => {
+                p += 1;
+                t += 1;
+            }
+            _ => match star {
+                // let the last star swallow one character more
+                Some((at, from)) => {
+                    star = Some((at, from + 1));
+                    p = at + 1;
+                    t = from + 1;
+                }
+                None => return false,
+            },
+        }
+    }
+    pattern[p..].iter().all(|&c| c == '*')
+}
+
+/// Begins the log. That the log cannot be written does not keep the take from being repaired: it is reported.
+fn start_log(request: &Request, opened: &Opened, bones: &[Bone], report: &mut Report) -> Option<McapLog> {
+    let path = request.log.as_ref()?;
+    let take = opened.document.take();
+    let about = About {
+        source_name: request.input.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
+        source_sha256: opened.sha256.clone(),
+        rate_hz: take.rate_hz,
+        first_frame: take.first_frame,
+        frames: take.frames(),
+        markers: take.markers.len(),
+        bones: bones.len(),
+        seed: request.seed,
+        method: request.method.name().to_owned(),
+        options: request.options(),
+        timings: request.timings,
+    };
+    match McapLog::create(path, about) {
+        Ok(log) => Some(log),
+        Err(error) => {
+            report.log_failed(path, &error);
+            None
+        }
+    }
+}
+
+/// Writes the output, proves it, and puts everything in place: the table and the log first, the output last.
+fn write_out(request: &Request, opened: &Opened, repaired: &Take, log: Option<McapLog>, report: &mut Report) -> Result<(), RepairError> {
+    let output = &request.output;
+    let (format, same_format) = output_format(output, opened.format);
+    let mut file = staging::beside(output).map_err(|e| unwritable(output, &e))?;
+    let written = {
+        let mut out = io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
+        let result = if same_format {
+            opened.document.save(repaired, &mut out, &opened.notes)
+        } else {
+            format.create(repaired, &mut out, &opened.notes)
+        };
+        result.and_then(|()| out.flush().map_err(|e| FormatError::io(format.info().name, e)))
+    };
+    written.map_err(|error| RepairError::Format { path: output.clone(), error })?;
+    file.as_file().sync_all().map_err(|e| unwritable(output, &e))?;
+    let stated = if same_format { request.stated } else { Stated::default() };
+    let back = std::fs::read(file.path()).map_err(|e| unwritable(output, &e))?;
+    verify(back, format, &stated, repaired, same_format).map_err(|error| RepairError::Verify { path: output.clone(), error })?;
+
+    // From here on everything is written; what remains are names.
+    let mut placed = Placed::default();
+    if let Some(path) = &request.fills {
+        let mut table = staging::beside(path).map_err(|e| unwritable(path, &e))?;
+        fills::write(&report.samples, repaired, request.method, &mut table).map_err(|e| unwritable(path, &e))?;
+        placed.add(path, staging::publish(table, path).map_err(|e| unwritable(path, &e)))?;
+    }
+    if let (Some(log), Some(path)) = (log, &request.log) {
+        let closing = Closing { results: report.results(), attachments: Vec::new() };
+        match log.finish(&closing) {
+            Ok(_) => {
+                report.log = Some(path.clone());
+                placed.0.push(path.clone());
+            }
+            Err(error) => report.log_failed(path, &error),
+        }
+    }
+    if request.in_place {
+        keep_original(request).and_then(|kept| placed.add(&kept, Ok(())))?;
+    }
+    staging::publish(file, output).map_err(|e| unwritable(output, &e))?;
+    placed.0.clear();
+    report.output = Some(output.clone());
+    Ok(())
+}
+
+/// Files that already have their final names; taken away again if the output does not follow.
+#[derive(Default)]
+struct Placed(Vec<PathBuf>);
+
+impl Placed {
+    fn add(&mut self, path: &Path, result: Result<(), RepairError>) -> Result<(), RepairError> {
+        result.map(|()| self.0.push(path.to_owned()))
+    }
+}
+
+impl Drop for Placed {
+    fn drop(&mut self) {
+        for path in &self.0 {
+            // nothing better can be done here than to try
+            let _ = std::fs::remove_file(path);
+        }
+    }
+}
+
+/// Copies the input to `<name>.orig`, whole or not at all.
+fn keep_original(request: &Request) -> Result<PathBuf, RepairError> {
+    let kept = original_name(&request.input);
+    let copied = staging::beside(&kept).and_then(|file| {
+        std::fs::copy(&request.input, file.path())?;
+        staging::publish(file, &kept)
+    });
+    copied.map_err(|e| unwritable(&kept, &e))?;
+    Ok(kept)
+}
+
+/// The name under which `--in-place` keeps the input.
+pub fn original_name(input: &Path) -> PathBuf {
+    let mut name = input.as_os_str().to_owned();
+    name.push(".orig");
+    name.into()
+}
+
+/// The format to write, and whether it is that of the input. The extension decides, if it is one that we know.
+fn output_format(output: &Path, input: &'static dyn Format) -> (&'static dyn Format, bool) {
+    let named = output.extension().and_then(|e| e.to_str()).and_then(formats::by_extension);
+    match named {
+        Some(format) if format.info().name != input.info().name => (format, false),
+        _ => (input, true),
+    }
+}
+
+/// Nothing that exists is overwritten unasked, and no two names mean one file.
+fn check_names(request: &Request) -> Result<(), RepairError> {
+    let stop = |path: &Path, problem: &str| Err(RepairError::Io { path: path.to_owned(), problem: problem.to_owned() });
+    if !request.in_place && staging::same_file(&request.input, &request.output) {
+        return stop(&request.output, "is the input itself; give another name, or say --in-place");
+    }
+    let mut names: Vec<&Path> = Vec::new();
+    if !request.in_place {
+        names.push(&request.output);
+    }
+    names.extend(request.log.as_deref());
+    names.extend(request.fills.as_deref());
+    let kept = original_name(&request.input);
+    if request.in_place {
+        if kept.exists() {
+            return stop(&kept, "exists already, so the original could not be kept; move it away first");
+        }
+        names.push(&kept);
+    }
+    for (at, name) in names.iter().enumerate() {
+        if staging::same_file(name, &request.input) {
+            return stop(name, "is the input itself; give another name");
+        }
+        if names[..at].iter().any(|other| staging::same_file(other, name)) {
+            return stop(name, "is named for two different files; give different names");
+        }
+        if name.is_dir() {
+            return stop(name, "is a folder; name a file in it");
+        }
+        if name.exists() && !request.force {
+            return stop(name, "exists already; give another name, or say --force to replace it");
+        }
+        if !staging::folder(name).is_dir() {
+            return stop(name, "its folder does not exist; make it first");
+        }
+    }
+    Ok(())
+}
+
+fn unwritable(path: &Path, error: &io::Error) -> RepairError {
+    RepairError::Io { path: path.to_owned(), problem: format!("cannot be written: {}", plain(error)) }
+}
+
+/// An I/O error without the library's additions.
+fn plain(error: &io::Error) -> String {
+    match error.kind() {
+        io::ErrorKind::PermissionDenied => "permission denied".to_owned(),
+        io::ErrorKind::NotFound => "no such file or folder".to_owned(),
+        _ => error.to_string(),
+    }
+}
+
+/// Reads a whole file.
+fn read(path: &Path) -> Result<Vec<u8>, RepairError> {
+    let wrong = |problem: String| RepairError::Io { path: path.to_owned(), problem };
+    let metadata = std::fs::metadata(path).map_err(|e| wrong(format!("cannot be read: {}", plain(&e))))?;
+    if metadata.is_dir() {
+        return Err(wrong("is a folder; name one file in it".to_owned()));
+    }
+    if metadata.len() > formats::LARGEST_FILE {
+        return Err(wrong(format!("has {} bytes, the largest file that is read has {}", metadata.len(), formats::LARGEST_FILE)));
+    }
+    std::fs::read(path).map_err(|e| wrong(format!("cannot be read: {}", plain(&e))))
+}
+
+impl Request {
+    /// The options that shape the result, by name, for the records.
+    pub fn options(&self) -> Vec<(String, String)> {
+        let mut options = vec![
+            ("hidden".to_owned(), self.settings.hidden.to_string()),
+            ("lambda".to_owned(), self.settings.lambda.map_or_else(|| "spread".to_owned(), |l| l.to_string())),
+            ("e_step".to_owned(), if self.settings.impute { "imputing" } else { "exact" }.to_owned()),
+            ("iterations".to_owned(), self.iterations.to_string()),
+            ("tolerance".to_owned(), self.tolerance.to_string()),
+            ("extrapolate".to_owned(), self.policy.extrapolate.to_string()),
+            ("max_gap".to_owned(), self.policy.max_gap.map_or_else(|| "none".to_owned(), |g| g.to_string())),
+        ];
+        if !self.markers.is_empty() {
+            options.push(("markers".to_owned(), self.markers.join(",")));
+        }
+        options
+    }
+}
+
+impl Report {
+    fn log_failed(&mut self, path: &Path, error: &LogError) {
+        self.log_error = Some(format!("{}: {error}", path.display()));
+    }
+}
+
+/// For one gap of a report: whether it was filled.
+pub type Decision = (Gap, Result<(), Open>);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn patterns_fit_whole_labels() {
+        for (pattern, text, fits) in [
+            ("LKNE", "LKNE", true),
+            ("LKNE", "LKNEE", false),
+            ("L*", "LKNE", true),
+            ("*:L?NE", "s:LKNE", true),
+            ("*K*E*", "LKNE", true),
+            ("?", "", false),
+            ("*", "", true),
+            ("*a*b", "aab", true),
+            ("*a*b", "aba", false),
+        ] {
+            assert_eq!(matches(pattern, text), fits, "{pattern} {text}");
+        }
+    }
+}

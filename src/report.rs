@@ -1,0 +1,407 @@
+//! What a repair did, for people, for scripts, and for the exit code.
+
+use crate::fills::Filled;
+use crate::gaps::Open;
+use crate::repair::{Opened, Request};
+use crate::solve::{Bone, Gap, Outcome, Stop};
+use formats::{Note, Origin, Take};
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// What happened to one gap.
+#[derive(Clone, Debug, Serialize)]
+pub struct GapReport {
+    /// Counted from 1 over the take.
+    pub gap: usize,
+    /// Label of the marker.
+    pub marker: String,
+    /// First missing frame, the file's number.
+    pub first_frame: i64,
+    /// Last missing frame, the file's number.
+    pub last_frame: i64,
+    /// Number of frames.
+    pub frames: usize,
+    /// Why it stays open; absent if it was filled.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub open: Option<&'static str>,
+    /// Largest predicted standard deviation in it, mm; absent if the method cannot say.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub worst_sigma_mm: Option<f64>,
+    #[serde(skip)]
+    why: Option<Open>,
+}
+
+impl GapReport {
+    /// One report per gap.
+    pub fn all(gaps: &[Gap], decisions: &[Result<(), Open>], take: &Take, samples: &[Filled]) -> Vec<Self> {
+        let mut worst = vec![f64::NAN; gaps.len()];
+        for s in samples {
+            worst[s.gap] = worst[s.gap].max(s.sigma_mm);
+        }
+        gaps.iter()
+            .zip(decisions)
+            .enumerate()
+            .map(|(at, (gap, decision))| Self {
+                gap: at + 1,
+                marker: take.display_label(gap.marker),
+                first_frame: take.frame_label(gap.start),
+                last_frame: take.frame_label(gap.end - 1),
+                frames: gap.frames(),
+                open: decision.err().map(Open::word),
+                worst_sigma_mm: worst[at].is_finite().then_some(worst[at]),
+                why: decision.err(),
+            })
+            .collect()
+    }
+}
+
+/// How one model ended.
+#[derive(Clone, Debug, Serialize)]
+pub struct StageReport {
+    /// The method.
+    pub method: &'static str,
+    /// Why it stopped.
+    pub stop: &'static str,
+    /// Rounds taken.
+    pub iterations: u32,
+    /// Last log-likelihood in nats, if the method has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub log_likelihood: Option<f64>,
+    /// Root mean square distance between observed samples and model, mm, if the method has one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rms_residual_mm: Option<f64>,
+}
+
+impl StageReport {
+    /// From the outcome of a run.
+    pub fn new(method: &'static str, outcome: &Outcome) -> Self {
+        Self {
+            method,
+            stop: outcome.stop.word(),
+            iterations: outcome.steps,
+            log_likelihood: outcome.last.and_then(|p| p.log_likelihood),
+            rms_residual_mm: outcome.last.and_then(|p| p.rms_residual_mm),
+        }
+    }
+}
+
+/// How far the bones are off in frames where one of their ends was filled.
+#[derive(Clone, Debug, Serialize)]
+pub struct BoneJudgement {
+    /// Root mean square over all bones and such frames, mm.
+    pub rms_mm: f64,
+    /// The largest, mm.
+    pub worst_mm: f64,
+    /// Whose it is.
+    pub worst_bone: String,
+    /// The same root mean square over the frames in which both ends were measured, mm.
+    pub measured_rms_mm: f64,
+}
+
+/// What a repair did.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// The file that was read.
+    pub input: PathBuf,
+    /// The file that was written; `None` for a dry run.
+    pub output: Option<PathBuf>,
+    /// The log that was written.
+    pub log: Option<PathBuf>,
+    /// Why the log is not there although it was wanted.
+    pub log_error: Option<String>,
+    /// The table of filled samples.
+    pub fills: Option<PathBuf>,
+    /// Name of the input's format.
+    pub format: &'static str,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Number of frames.
+    pub frames: usize,
+    /// Number of markers (model outputs not counted).
+    pub markers: usize,
+    /// Number of bones.
+    pub bones: usize,
+    /// True if the user stated them.
+    pub bones_stated: bool,
+    /// The method that was asked for.
+    pub method: &'static str,
+    /// How the models ended.
+    pub stages: Vec<StageReport>,
+    /// What happened to each gap.
+    pub gaps: Vec<GapReport>,
+    /// The samples that were filled.
+    pub samples: Vec<Filled>,
+    /// Bones in filled frames.
+    pub bone_judgement: Option<BoneJudgement>,
+    /// What was assumed, odd or lost.
+    pub notes: Vec<Note>,
+    /// True if nothing was to be solved or written.
+    pub dry_run: bool,
+}
+
+impl Report {
+    /// Before anything was solved.
+    pub fn new(request: &Request, opened: &Opened, bones: &[Bone], bones_stated: bool) -> Self {
+        let take = opened.document.take();
+        Self {
+            input: request.input.clone(),
+            output: None,
+            log: None,
+            log_error: None,
+            fills: request.fills.clone().filter(|_| !request.dry_run),
+            format: opened.format.info().name,
+            rate_hz: take.rate_hz,
+            frames: take.frames(),
+            markers: take.markers.iter().filter(|m| m.role == formats::Role::Marker).count(),
+            bones: bones.len(),
+            bones_stated,
+            method: request.method.name(),
+            stages: Vec::new(),
+            gaps: Vec::new(),
+            samples: Vec::new(),
+            bone_judgement: None,
+            notes: Vec::new(),
+            dry_run: request.dry_run,
+        }
+    }
+
+    /// Measures the bones of the repaired take.
+    pub fn judge_bones(&mut self, bones: &[Bone], take: &Take) {
+        let (mut sum, mut count, mut worst) = (0.0, 0usize, (0.0f64, None));
+        let (mut measured_sum, mut measured_count) = (0.0, 0usize);
+        for bone in bones {
+            for frame in 0..take.frames() {
+                let (Some(a), Some(b)) = (take.position_mm(frame, bone.a), take.position_mm(frame, bone.b)) else { continue };
+                let length = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
+                let off = (length - bone.length_mm).abs();
+                if [bone.a, bone.b].iter().any(|&m| take.origin(frame, m) == Origin::Repaired) {
+                    sum += off * off;
+                    count += 1;
+                    if off > worst.0 {
+                        worst = (off, Some(bone));
+                    }
+                } else {
+                    measured_sum += off * off;
+                    measured_count += 1;
+                }
+            }
+        }
+        self.bone_judgement = (count > 0).then(|| BoneJudgement {
+            rms_mm: (sum / count as f64).sqrt(),
+            worst_mm: worst.0,
+            worst_bone: worst.1.map(|b| format!("{}-{}", take.display_label(b.a), take.display_label(b.b))).unwrap_or_default(),
+            measured_rms_mm: (measured_sum / measured_count.max(1) as f64).sqrt(),
+        });
+    }
+
+    fn open_gaps(&self) -> impl Iterator<Item = &GapReport> {
+        self.gaps.iter().filter(|g| g.open.is_some())
+    }
+
+    /// Samples in all gaps.
+    pub fn missing_samples(&self) -> usize {
+        self.gaps.iter().map(|g| g.frames).sum()
+    }
+
+    /// 0 if every gap is filled and nothing was assumed or lost, else 3. (Errors have their own codes.)
+    pub fn exit_code(&self) -> u8 {
+        let unsettled = self.stages.iter().any(|s| s.stop != Stop::Converged.word());
+        let matters = self.notes.iter().any(Note::matters);
+        if self.open_gaps().next().is_some() || unsettled || matters || self.log_error.is_some() { 3 } else { 0 }
+    }
+
+    /// Name and value pairs for the log's metadata.
+    pub fn results(&self) -> Vec<(String, String)> {
+        let mut results = vec![
+            ("gaps".to_owned(), self.gaps.len().to_string()),
+            ("gaps_left_open".to_owned(), self.open_gaps().count().to_string()),
+            ("samples_missing".to_owned(), self.missing_samples().to_string()),
+            ("samples_filled".to_owned(), self.samples.len().to_string()),
+        ];
+        if let Some(judged) = &self.bone_judgement {
+            results.push(("bone_rms_mm".to_owned(), format!("{:.3}", judged.rms_mm)));
+            results.push(("bone_worst_mm".to_owned(), format!("{:.3}", judged.worst_mm)));
+        }
+        results
+    }
+
+    /// The report as JSON lines: notes, gaps, then the summary.
+    pub fn json(&self) -> String {
+        #[derive(Serialize)]
+        #[serde(tag = "message_type", rename_all = "snake_case")]
+        enum Message<'a> {
+            Note {
+                kind: &'a str,
+                text: String,
+                matters: bool,
+            },
+            Gap(&'a GapReport),
+            Summary {
+                input: String,
+                output: Option<String>,
+                log: Option<String>,
+                log_error: Option<&'a str>,
+                fills: Option<String>,
+                dry_run: bool,
+                format: &'a str,
+                rate_hz: f64,
+                frames: usize,
+                markers: usize,
+                bones: usize,
+                method: &'a str,
+                stages: &'a [StageReport],
+                gaps: usize,
+                gaps_left_open: usize,
+                samples_missing: usize,
+                samples_filled: usize,
+                longest_gap: usize,
+                worst_sigma_mm: Option<f64>,
+                bone_judgement: Option<&'a BoneJudgement>,
+                exit_code: u8,
+            },
+        }
+        let path = |p: &Option<PathBuf>| p.as_ref().map(|p| p.display().to_string());
+        let mut messages: Vec<Message> =
+            self.notes.iter().map(|n| Message::Note { kind: n.kind(), text: n.to_string(), matters: n.matters() }).collect();
+        messages.extend(self.gaps.iter().map(Message::Gap));
+        messages.push(Message::Summary {
+            input: self.input.display().to_string(),
+            output: path(&self.output),
+            log: path(&self.log),
+            log_error: self.log_error.as_deref(),
+            fills: path(&self.fills),
+            dry_run: self.dry_run,
+            format: self.format,
+            rate_hz: self.rate_hz,
+            frames: self.frames,
+            markers: self.markers,
+            bones: self.bones,
+            method: self.method,
+            stages: &self.stages,
+            gaps: self.gaps.len(),
+            gaps_left_open: self.open_gaps().count(),
+            samples_missing: self.missing_samples(),
+            samples_filled: self.samples.len(),
+            longest_gap: self.gaps.iter().map(|g| g.frames).max().unwrap_or(0),
+            worst_sigma_mm: self.gaps.iter().filter_map(|g| g.worst_sigma_mm).reduce(f64::max),
+            bone_judgement: self.bone_judgement.as_ref(),
+            exit_code: self.exit_code(),
+        });
+        lines(&messages)
+    }
+
+    /// The report for people: at most 80 columns where names allow it.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        let mut line = |head: &str, text: String| {
+            let _ = writeln!(out, "  {head:<10} {text}"); // writing to a String cannot fail
+        };
+        let seconds = self.frames as f64 / self.rate_hz;
+        let how = if self.bones_stated { "stated" } else { "found" };
+        line(
+            "take",
+            format!(
+                "{} frames at {} Hz ({seconds:.1} s), {} markers, {} bones {how}",
+                self.frames,
+                short(self.rate_hz),
+                self.markers,
+                self.bones
+            ),
+        );
+        let missing = self.missing_samples();
+        match self.gaps.iter().max_by_key(|g| g.frames) {
+            None => line("gaps", "none".to_owned()),
+            Some(longest) => {
+                let share = 100.0 * missing as f64 / (self.frames * self.markers).max(1) as f64;
+                line("gaps", format!("{} with {missing} samples ({share:.1} %)", self.gaps.len()));
+                line(
+                    "longest",
+                    format!("{} frames: {}, {} to {}", longest.frames, longest.marker, longest.first_frame, longest.last_frame),
+                );
+            }
+        }
+        if !self.dry_run && !self.gaps.is_empty() {
+            let filled = self.gaps.len() - self.open_gaps().count();
+            let stages: Vec<String> = self
+                .stages
+                .iter()
+                .map(|s| match s.log_likelihood {
+                    Some(_) => format!("{} ({} after {} iterations)", s.method, s.stop.replace('-', " "), s.iterations),
+                    None => s.method.to_owned(),
+                })
+                .collect();
+            let by = if stages.is_empty() { String::new() } else { format!(" by {}", stages.join(", ")) };
+            line("filled", format!("{filled} gaps with {} samples{by}", self.samples.len()));
+            let mut sigmas: Vec<f64> = self.samples.iter().map(|s| s.sigma_mm).filter(|s| s.is_finite()).collect();
+            sigmas.sort_by(f64::total_cmp);
+            if let (Some(worst), Some(median)) = (sigmas.last(), sigmas.get(sigmas.len() / 2)) {
+                line("expected", format!("error {median:.1} mm (median), {worst:.1} mm (worst)"));
+            }
+            if let Some(judged) = &self.bone_judgement {
+                line(
+                    "bones",
+                    format!(
+                        "off by {:.1} mm in filled frames (measured ones: {:.1} mm), worst {:.1} mm ({})",
+                        judged.rms_mm, judged.measured_rms_mm, judged.worst_mm, judged.worst_bone
+                    ),
+                );
+            }
+        }
+        let mut reasons: Vec<(Open, Vec<&GapReport>)> = Vec::new();
+        for gap in self.open_gaps() {
+            if let Some(why) = gap.why {
+                match reasons.iter_mut().find(|(r, _)| *r == why) {
+                    Some((_, gaps)) => gaps.push(gap),
+                    None => reasons.push((why, vec![gap])),
+                }
+            }
+        }
+        reasons.sort_by_key(|(why, _)| *why);
+        for (why, gaps) in reasons {
+            let verb = if self.dry_run { "would stay" } else { "left" };
+            line("open", format!("{} gaps {verb} open: {}", gaps.len(), why.reason()));
+            let mut names: Vec<&str> = gaps.iter().map(|g| g.marker.as_str()).collect();
+            names.dedup();
+            let more = names.len().saturating_sub(12);
+            let shown = names.iter().take(12).copied().collect::<Vec<_>>().join(" ");
+            line("", if more > 0 { format!("{shown} and {more} more") } else { shown });
+        }
+        for note in &self.notes {
+            line(if note.matters() { "look at" } else { "note" }, note.to_string());
+        }
+        if let Some(log) = &self.log {
+            line("log", log.display().to_string());
+        }
+        if let Some(fills) = &self.fills {
+            line("fills", fills.display().to_string());
+        }
+        if let Some(error) = &self.log_error {
+            line("no log", error.clone());
+        }
+        let head = match &self.output {
+            Some(output) => format!("{} -> {}", self.input.display(), output.display()),
+            None => format!("{} (dry run, nothing was written)", self.input.display()),
+        };
+        format!("{head}\n{out}")
+    }
+}
+
+/// One JSON document per line.
+pub fn lines<T: Serialize>(messages: &[T]) -> String {
+    let mut out = String::new();
+    for message in messages {
+        // plain structs of numbers and strings always serialise
+        if let Ok(text) = serde_json::to_string(message) {
+            out.push_str(&text);
+            out.push('\n');
+        }
+    }
+    out
+}
+
+/// A rate without trailing zeros.
+pub fn short(x: f64) -> String {
+    let text = format!("{x:.4}");
+    text.trim_end_matches('0').trim_end_matches('.').to_owned()
+}

@@ -1,0 +1,241 @@
+//! Bones as evidence (the penalty of Eq. 8), frame by frame.
+//!
+//! The penalty `λ/2 (‖xᵢ - xⱼ‖² - d²)²` is the negative log-density of a Gaussian observation of the squared length with variance `1/λ`.
+//! Linearised at the present positions (Gauss-Newton) it is a linear observation `J x = r + unit noise` of the missing markers `x` of a frame.
+//! Given the hidden state, `x = G z + ε` with covariance Σ, so the bones tell the state
+//! `J G z = r` with covariance `S = J Σ Jᵀ + 1`, and the markers, given the state,
+//! `x = A z + k` with `K = Σ Jᵀ S⁻¹`, `A = G - K J G`, `k = K r` and covariance `Σ - K J Σ`.
+//! The first goes into the forward-backward pass, the second into the M-step and the estimate:
+//! neighbouring frames are coupled through the dynamics, and nothing jumps.
+//!
+//! Missing markers that no chain of bones between missing markers connects are independent: each group is its own small system.
+
+use super::model::Model;
+use nalgebra::{DMatrix, DVector};
+
+/// A bone in the solver's own terms.
+#[derive(Clone, Copy, Debug)]
+pub struct LocalBone {
+    /// One end, as a column of the problem.
+    pub a: usize,
+    /// The other end.
+    pub b: usize,
+    /// d², m².
+    pub squared_length: f64,
+    /// √λ, 1/m².
+    pub weight: f64,
+}
+
+/// The missing markers of a frame that bones connect, and the bones at them.
+#[derive(Clone, Debug, Default)]
+pub struct Group {
+    /// Columns of the problem, ascending.
+    pub markers: Vec<usize>,
+    /// Indices into the list of bones, ascending.
+    pub bones: Vec<usize>,
+}
+
+/// For every marker, the bones at it.
+pub fn incidence(bones: &[LocalBone], markers: usize) -> Vec<Vec<usize>> {
+    let mut at = vec![Vec::new(); markers];
+    for (k, bone) in bones.iter().enumerate() {
+        at[bone.a].push(k);
+        at[bone.b].push(k);
+    }
+    at
+}
+
+/// Splits the `missing` markers of a frame (ascending) into groups that share no bone. Markers without any bone are in no group.
+pub fn groups(missing: &[usize], bones: &[LocalBone], incidence: &[Vec<usize>]) -> Vec<Group> {
+    let mut group_of: Vec<Option<usize>> = vec![None; missing.len()];
+    let mut found: Vec<Group> = Vec::new();
+    let mut open = Vec::new();
+    for start in 0..missing.len() {
+        if group_of[start].is_some() || incidence[missing[start]].is_empty() {
+            continue;
+        }
+        let mut group = Group::default();
+        open.push(start);
+        group_of[start] = Some(found.len());
+        while let Some(at) = open.pop() {
+            let marker = missing[at];
+            group.markers.push(marker);
+            for &k in &incidence[marker] {
+                group.bones.push(k);
+                let other = if bones[k].a == marker { bones[k].b } else { bones[k].a };
+                if let Ok(next) = missing.binary_search(&other)
+                    && group_of[next].is_none()
+                {
+                    group_of[next] = Some(found.len());
+                    open.push(next);
+                }
+            }
+        }
+        group.markers.sort_unstable();
+        group.bones.sort_unstable();
+        group.bones.dedup();
+        found.push(group);
+    }
+    found
+}
+
+/// The bones of a group, linearised at a frame's positions: `J x = r + unit noise` for its missing markers `x`.
+#[derive(Clone, Debug)]
+pub struct Linearised {
+    /// J, bones × 3 · markers.
+    pub jacobian: DMatrix<f64>,
+    /// r, bones.
+    pub right: DVector<f64>,
+    /// -½ Σ ln λ: turns the density of the scaled rows into that of squared lengths.
+    pub log_scale: f64,
+}
+
+/// Linearises the bones of `group` at `positions` (m, centred positions of one frame) plus `centre` (m).
+pub fn linearise(group: &Group, bones: &[LocalBone], positions: &[f64], centre: &[f64]) -> Linearised {
+    let at = |marker: usize, axis: usize| positions[3 * marker + axis] + centre[3 * marker + axis];
+    let mut jacobian = DMatrix::zeros(group.bones.len(), 3 * group.markers.len());
+    let mut right = DVector::zeros(group.bones.len());
+    let mut log_scale = 0.0;
+    for (row, bone) in group.bones.iter().map(|&k| &bones[k]).enumerate() {
+        let along: [f64; 3] = std::array::from_fn(|axis| at(bone.a, axis) - at(bone.b, axis));
+        let squared = along.iter().map(|x| x * x).sum::<f64>();
+        right[row] = -(squared - bone.squared_length) * bone.weight;
+        for (marker, sign) in [(bone.a, 1.0), (bone.b, -1.0)] {
+            if let Ok(slot) = group.markers.binary_search(&marker) {
+                for (axis, step) in along.iter().enumerate() {
+                    let slope = sign * 2.0 * step * bone.weight;
+                    jacobian[(row, 3 * slot + axis)] = slope;
+                    right[row] += slope * positions[3 * marker + axis];
+                }
+            }
+        }
+        log_scale -= bone.weight.ln();
+    }
+    Linearised { jacobian, right, log_scale }
+}
+
+/// What the bones of a group say, once the markers are integrated out.
+#[derive(Clone, Debug)]
+pub struct BoneEvidence {
+    /// What they add to L, H × H.
+    pub matrix: DMatrix<f64>,
+    /// What they add to b, H.
+    pub vector: DVector<f64>,
+    /// What they add to c.
+    pub constant: f64,
+    /// The markers, ascending.
+    pub markers: Vec<usize>,
+    /// A, 3 · markers × H.
+    pub gain: DMatrix<f64>,
+    /// k, 3 · markers.
+    pub offset: DVector<f64>,
+    /// Trace of the 3 × 3 block of Σ - K J Σ of each marker, m².
+    pub rest: Vec<f64>,
+}
+
+/// Integrates the missing markers of `group` out of its linearised bones.
+/// `None` if S cannot be factorised, which takes positions that are not finite.
+pub fn integrate(group: &Group, system: &Linearised, model: &Model) -> Option<BoneEvidence> {
+    let unknowns = 3 * group.markers.len();
+    let (rows, hidden) = (group.bones.len(), model.hidden());
+    let noise = |k: usize| model.marker_noise[group.markers[k / 3]];
+    let emission = DMatrix::from_fn(unknowns, hidden, |r, c| model.emission[(3 * group.markers[r / 3] + r % 3, c)]);
+    let mut scaled = system.jacobian.transpose(); // Σ Jᵀ, 3k × bones
+    for mut column in scaled.column_iter_mut() {
+        for (k, value) in column.iter_mut().enumerate() {
+            *value *= noise(k);
+        }
+    }
+    let mut spread = DMatrix::identity(rows, rows); // S
+    spread.gemm(1.0, &system.jacobian, &scaled, 1.0);
+    let factor = spread.cholesky()?;
+    let projected = &system.jacobian * &emission; // J G, bones × H
+    let whitened = factor.solve(&projected); // S⁻¹ J G
+    let pulled = factor.solve(&system.right); // S⁻¹ r
+    let log_determinant = 2.0 * (0..rows).map(|k| factor.l_dirty()[(k, k)].ln()).sum::<f64>();
+    let constant = system.right.dot(&pulled) + log_determinant + rows as f64 * std::f64::consts::TAU.ln() + 2.0 * system.log_scale;
+    let mut gain = emission;
+    gain.gemm(-1.0, &scaled, &whitened, 1.0);
+    let offset = &scaled * &pulled;
+    let mut half = scaled.transpose(); // J Σ, then L⁻¹ J Σ
+    factor.l_dirty().solve_lower_triangular_mut(&mut half);
+    let rest = (0..group.markers.len())
+        .map(|i| (3 * i..3 * i + 3).map(|k| (noise(k) - half.column(k).norm_squared()).max(0.0)).sum())
+        .collect();
+    let evidence = BoneEvidence {
+        matrix: projected.tr_mul(&whitened),
+        vector: projected.tr_mul(&pulled),
+        constant,
+        markers: group.markers.clone(),
+        gain,
+        offset,
+        rest,
+    };
+    evidence.constant.is_finite().then_some(evidence)
+}
+
+/// The bone step of the imputing EM (the G-step of Algorithm 2): minimises
+/// `f(x) = ½ (x - x⁻)ᵀ Σ⁻¹ (x - x⁻) + Σ λ/2 (‖xᵢ - xⱼ‖² - d²)²` (Eq. 11) over the missing markers of `group`,
+/// by Gauss-Newton with step halving. `positions` (one frame, centred, m) holds the start and receives the result;
+/// `expected` is x⁻ = G E[z] (the whole frame).
+pub fn settle(group: &Group, bones: &[LocalBone], positions: &mut [f64], centre: &[f64], expected: &[f64], marker_noise: &[f64]) {
+    let mut value = penalty(group, bones, positions, centre, expected, marker_noise);
+    for _ in 0..20 {
+        let system = linearise(group, bones, positions, centre);
+        let unknowns = 3 * group.markers.len();
+        let mut normal = system.jacobian.tr_mul(&system.jacobian);
+        let mut right = system.jacobian.tr_mul(&system.right);
+        for k in 0..unknowns {
+            let (marker, axis) = (group.markers[k / 3], k % 3);
+            normal[(k, k)] += 1.0 / marker_noise[marker];
+            right[k] += expected[3 * marker + axis] / marker_noise[marker];
+        }
+        let Some(target) = normal.cholesky().map(|c| c.solve(&right)) else { return };
+        let before: Vec<f64> = (0..unknowns).map(|k| positions[3 * group.markers[k / 3] + k % 3]).collect();
+        let mut share = 1.0;
+        let mut moved = 0.0f64;
+        loop {
+            for k in 0..unknowns {
+                positions[3 * group.markers[k / 3] + k % 3] = before[k] + share * (target[k] - before[k]);
+            }
+            let now = penalty(group, bones, positions, centre, expected, marker_noise);
+            if now <= value {
+                moved = (0..unknowns).fold(0.0, |most: f64, k| most.max((share * (target[k] - before[k])).abs()));
+                value = now;
+                break;
+            }
+            share *= 0.5;
+            if share < 1e-3 {
+                for k in 0..unknowns {
+                    positions[3 * group.markers[k / 3] + k % 3] = before[k];
+                }
+                break;
+            }
+        }
+        if moved < 1e-6 {
+            return;
+        }
+    }
+}
+
+/// f of Eq. 11 without its constant part.
+pub fn penalty(group: &Group, bones: &[LocalBone], positions: &[f64], centre: &[f64], expected: &[f64], marker_noise: &[f64]) -> f64 {
+    let mut sum = 0.0;
+    for &marker in &group.markers {
+        for axis in 0..3 {
+            let away = positions[3 * marker + axis] - expected[3 * marker + axis];
+            sum += 0.5 * away * away / marker_noise[marker];
+        }
+    }
+    for bone in group.bones.iter().map(|&k| &bones[k]) {
+        let squared: f64 = (0..3)
+            .map(|axis| {
+                let along = positions[3 * bone.a + axis] + centre[3 * bone.a + axis] - positions[3 * bone.b + axis] - centre[3 * bone.b + axis];
+                along * along
+            })
+            .sum();
+        let off = bone.weight * (squared - bone.squared_length);
+        sum += 0.5 * off * off;
+    }
+    sum
+}

@@ -1,0 +1,120 @@
+//! The take as matrices. This is the only place where the one becomes the other.
+
+use formats::{Direction, Role, Take};
+
+/// A maximal run of missing samples of one marker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Gap {
+    /// Column of the take.
+    pub marker: usize,
+    /// First missing frame.
+    pub start: usize,
+    /// One past the last missing frame.
+    pub end: usize,
+}
+
+impl Gap {
+    /// Number of missing frames.
+    pub fn frames(&self) -> usize {
+        self.end - self.start
+    }
+}
+
+/// Two markers whose distance hardly changes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bone {
+    /// One end, as a column of the take.
+    pub a: usize,
+    /// The other end.
+    pub b: usize,
+    /// Mean distance in mm.
+    pub length_mm: f64,
+    /// Standard deviation of the distance over the frames in which both ends are seen, in mm.
+    pub spread_mm: f64,
+}
+
+/// What a solver is given: markers × frames with holes, the gaps to fill, and the bones to keep.
+///
+/// Columns are those of the take's markers that take part (model outputs, markers that never appear, and markers that the user left out do not).
+#[derive(Clone, Debug)]
+pub struct Problem {
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// The axis that points up, if the file says so.
+    pub up: Option<Direction>,
+    /// For each column of the problem, its column in the take.
+    pub columns: Vec<usize>,
+    /// Label of each column, without a subject's prefix. Only the optional start of the body frame looks at it.
+    pub names: Vec<String>,
+    /// Bones; `a` and `b` are columns of the problem.
+    pub bones: Vec<Bone>,
+    /// Every missing sample as (frame, column of the problem), frame by frame. The order of every [`Estimate`](super::Estimate).
+    pub missing: Vec<(usize, usize)>,
+    frames: usize,
+    positions_mm: Vec<[f64; 3]>,
+    missing_starts: Vec<usize>,
+}
+
+impl Problem {
+    /// Takes the markers for which `include` is true and which were seen at least once, with the bones between them.
+    /// `bones` name columns of the take.
+    pub fn new(take: &Take, include: &[bool], bones: &[Bone]) -> Self {
+        let frames = take.frames();
+        let columns: Vec<usize> = (0..take.markers.len())
+            .filter(|&m| {
+                include.get(m).copied().unwrap_or(false)
+                    && take.markers.get(m).is_some_and(|marker| marker.role == Role::Marker)
+                    && (0..frames).any(|f| take.position_mm(f, m).is_some())
+            })
+            .collect();
+        let column_of = |marker: usize| columns.binary_search(&marker).ok();
+        let bones = bones
+            .iter()
+            .filter_map(|bone| Some(Bone { a: column_of(bone.a)?, b: column_of(bone.b)?, ..*bone }))
+            .collect();
+        let mut positions_mm = Vec::with_capacity(frames * columns.len());
+        let mut missing = Vec::new();
+        let mut missing_starts = Vec::with_capacity(frames + 1);
+        for frame in 0..frames {
+            missing_starts.push(missing.len());
+            for (column, &marker) in columns.iter().enumerate() {
+                match take.position_mm(frame, marker) {
+                    Some(position) => positions_mm.push(position),
+                    None => {
+                        positions_mm.push([f64::NAN; 3]);
+                        missing.push((frame, column));
+                    }
+                }
+            }
+        }
+        missing_starts.push(missing.len());
+        let names = columns.iter().filter_map(|&m| take.markers.get(m)).map(|m| m.name().to_owned()).collect();
+        Self { rate_hz: take.rate_hz, up: take.up, columns, names, bones, missing, frames, positions_mm, missing_starts }
+    }
+
+    /// Number of frames.
+    pub fn frames(&self) -> usize {
+        self.frames
+    }
+
+    /// Number of markers that take part.
+    pub fn markers(&self) -> usize {
+        self.columns.len()
+    }
+
+    /// The position in mm, `None` if the sample is missing.
+    pub fn position_mm(&self, frame: usize, column: usize) -> Option<[f64; 3]> {
+        let p = self.positions_mm[frame * self.columns.len() + column];
+        if p[0].is_nan() { None } else { Some(p) }
+    }
+
+    /// True if the sample was seen.
+    pub fn observed(&self, frame: usize, column: usize) -> bool {
+        !self.positions_mm[frame * self.columns.len() + column][0].is_nan()
+    }
+
+    /// The part of [`Problem::missing`] that belongs to `frame`, as a range of indices.
+    pub fn missing_in(&self, frame: usize) -> std::ops::Range<usize> {
+        self.missing_starts[frame]..self.missing_starts[frame + 1]
+    }
+}

@@ -1,0 +1,83 @@
+//! Holds what was written against the promises, before anybody can see it.
+//!
+//! The written bytes are opened again as a stranger would open them.
+//! Names, frame count and rate must be those of the take; every sample that was known must come back exactly (or, in another format, as near as that format
+//! can say); every filled sample must be there; and nothing else may have appeared.
+
+use formats::{Document, Format, Notes, Origin, Stated, Take};
+
+/// A promise that the written file does not keep.
+#[derive(Debug, thiserror::Error)]
+#[error("the written file does not keep what was promised: {0}; nothing was put in place, please report this")]
+pub struct Broken(String);
+
+/// Opens `written` with `format` and compares it with the repaired take.
+/// `same_format` is true if the file was patched, so that known samples must be equal bit for bit.
+///
+/// # Errors
+/// The first difference, or that the file does not open.
+pub fn verify(written: Vec<u8>, format: &dyn Format, stated: &Stated, repaired: &Take, same_format: bool) -> Result<(), Broken> {
+    let notes = Notes::new();
+    let document = format.open(written, stated, &notes).map_err(|e| Broken(format!("it does not open ({e})")))?;
+    compare(document.as_ref(), repaired, same_format)
+}
+
+fn compare(document: &dyn Document, repaired: &Take, same_format: bool) -> Result<(), Broken> {
+    let take = document.take();
+    let broken = |text: String| Err(Broken(text));
+    if take.frames() != repaired.frames() {
+        return broken(format!("{} frames instead of {}", take.frames(), repaired.frames()));
+    }
+    if take.markers.len() != repaired.markers.len() {
+        return broken(format!("{} markers instead of {}", take.markers.len(), repaired.markers.len()));
+    }
+    if same_format && take.markers != repaired.markers {
+        return broken("the labels differ".to_owned());
+    }
+    // a rate that goes through a 32-bit float or a column of times is only as exact as those
+    if (take.rate_hz - repaired.rate_hz).abs() > 1e-3 * repaired.rate_hz.abs() {
+        return broken(format!("{} Hz instead of {}", take.rate_hz, repaired.rate_hz));
+    }
+    let rounding_mm = document.rounding_mm();
+    for frame in 0..repaired.frames() {
+        for marker in 0..repaired.markers.len() {
+            let (is, was) = (take.position_mm(frame, marker), repaired.position_mm(frame, marker));
+            let origin = repaired.origin(frame, marker);
+            let exact = same_format && origin.is_known();
+            let kept = match (is, was) {
+                (None, None) => true,
+                (Some(is), Some(was)) => (0..3).all(|k| if exact { is[k] == was[k] } else { near(is[k], was[k], rounding_mm) }),
+                _ => false,
+            };
+            if !kept {
+                return broken(format!(
+                    "marker {}, frame {}: {} sample {} comes back as {}",
+                    repaired.display_label(marker),
+                    repaired.frame_label(frame),
+                    kind(origin),
+                    show(was),
+                    show(is)
+                ));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Equal up to the rounding of the format and of a 32-bit float.
+fn near(is: f64, was: f64, rounding_mm: f64) -> bool {
+    (is - was).abs() <= rounding_mm * (1.0 + 1e-9) + 1.2e-7 * was.abs()
+}
+
+fn kind(origin: Origin) -> &'static str {
+    match origin {
+        Origin::Measured => "the measured",
+        Origin::Derived => "the derived",
+        Origin::Missing => "the missing",
+        Origin::Repaired => "the filled",
+    }
+}
+
+fn show(position: Option<[f64; 3]>) -> String {
+    position.map_or_else(|| "missing".to_owned(), |[x, y, z]| format!("({x}, {y}, {z}) mm"))
+}

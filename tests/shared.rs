@@ -1,0 +1,128 @@
+//! Real files, which are not part of this repository: `../shared/data`, or wherever `MOCAP_SHARED` points.
+//!
+//! Each file is a test of its own: it opens as the manifest of the collection says or is refused as this file says, and saving it unchanged
+//! gives the same bytes. Where the folder is absent, one ignored test says so.
+#![allow(clippy::unwrap_used)] // A test program: it fails by panicking.
+
+use formats::{Format, Match, Note, Notes, Origin, Stated, Take};
+use libtest_mimic::{Arguments, Failed, Trial};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+/// Files that are refused, and what the message must say.
+const REFUSED: [(&str, &str); 4] = [
+    ("MoGapFill__gait-raw.c3d", "expected 0x50"),
+    ("btk_others_Empty.c3d", "the file has 0 bytes"),
+    ("c3dio__examples_simple.c3d", "the processor is 0"),
+    // The recording was never closed (all counts are 0), and its last frame is not whole.
+    ("emg-c3d-analyzer__frontend_public_samples_Ghostly_Emg_20240304_10-05-56-0883.c3d", "the file ends in frame 4732"),
+];
+
+/// Where the manifest is wrong: file, markers, frames, percentage missing.
+/// It took the 12 points of POINT:USED; 152 frames of the header's 11 points fill the file to the last byte.
+const CORRECTED: [(&str, usize, usize, f64); 1] = [("c3dorg_sample_27_kyowadengyo.c3d", 11, 152, 1.555)];
+
+/// What the manifest says about a file, by the name of its column.
+type Row = BTreeMap<String, String>;
+
+/// Reads a table with quoted cells; no cell of the manifest has a line break.
+fn manifest(text: &str) -> Vec<Row> {
+    let cells = |line: &str| {
+        let (mut cells, mut quoted) = (vec![String::new()], false);
+        for c in line.chars() {
+            match c {
+                '"' => quoted = !quoted,
+                ',' if !quoted => cells.push(String::new()),
+                _ => cells.last_mut().unwrap().push(c),
+            }
+        }
+        cells
+    };
+    let mut lines = text.lines();
+    let head = cells(lines.next().unwrap_or_default());
+    lines.map(|line| head.iter().cloned().zip(cells(line)).collect()).collect()
+}
+
+fn expect<T: PartialEq + std::fmt::Debug + Copy>(what: &str, found: T, expected: T) -> Result<(), Failed> {
+    if found == expected { Ok(()) } else { Err(format!("{what}: found {found:?}, expected {expected:?}").into()) }
+}
+
+fn missing(take: &Take) -> usize {
+    (0..take.frames()).map(|f| (0..take.markers.len()).filter(|&m| take.origin(f, m) == Origin::Missing).count()).sum()
+}
+
+fn c3d(path: &Path, row: &Row) -> Result<(), Failed> {
+    let name = path.file_name().unwrap().to_string_lossy().into_owned();
+    let bytes = std::fs::read(path)?;
+    let notes = Notes::new();
+    let opened = formats::c3d::C3d.open(bytes.clone(), &Stated::default(), &notes);
+    if let Some((_, why)) = REFUSED.iter().find(|(file, _)| *file == name) {
+        return match opened {
+            Err(error) if error.to_string().contains(why) => Ok(()),
+            Err(error) => Err(format!("refused because: {error}; expected: {why}").into()),
+            Ok(_) => Err(format!("it opens; expected: {why}").into()),
+        };
+    }
+    let document = opened?;
+    let take = document.take();
+    expect("sniffed", formats::c3d::C3d.sniff(bytes.get(..bytes.len().min(4096)).unwrap_or(&bytes)), Match::Certain).or_else(|e| {
+        // The parameters may begin beyond the bytes that are sniffed at.
+        if bytes.first().is_some_and(|&block| block > 8) { Ok(()) } else { Err(e) }
+    })?;
+
+    let number = |column: &str| row.get(column).and_then(|cell| cell.parse::<f64>().ok());
+    let corrected = CORRECTED.iter().find(|(file, ..)| *file == name);
+    expect("markers", take.markers.len() as f64, corrected.map_or(number("points").unwrap(), |c| c.1 as f64))?;
+    expect("frames", take.frames() as f64, corrected.map_or(number("frames").unwrap(), |c| c.2 as f64))?;
+    expect("rate", take.rate_hz, number("rate").unwrap())?;
+    if let Some(percent) = corrected.map(|c| c.3).or(number("pct_missing")) {
+        // The manifest counts samples at the origin as present unless they are flagged.
+        let zeros = notes.take().iter().map(|n| if let Note::ZeroReadAsMissing { samples } = n { *samples } else { 0 }).sum::<usize>();
+        let found = 100.0 * (missing(take) - zeros) as f64 / (take.frames() * take.markers.len()) as f64;
+        if (found - percent).abs() > 6e-4 {
+            return Err(format!("missing: found {found} %, expected {percent} %").into());
+        }
+    }
+
+    let mut saved = Vec::new();
+    document.save(take, &mut saved, &Notes::new())?;
+    if saved != bytes {
+        return Err("saving the unchanged take changes the file".into());
+    }
+
+    // And as a file of our own.
+    let mut created = Vec::new();
+    formats::c3d::C3d.create(take, &mut created, &Notes::new())?;
+    let again = formats::c3d::C3d.open(created, &Stated::default(), &Notes::new())?;
+    expect("frames of the created file", again.take().frames(), take.frames())?;
+    expect("missing samples of the created file", missing(again.take()), missing(take))?;
+    Ok(())
+}
+
+fn main() {
+    let folder = std::env::var_os("MOCAP_SHARED").map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
+    let mut trials = Vec::new();
+    let mut suite = |name: &str, tests: Vec<Trial>| {
+        if tests.is_empty() {
+            let loud = format!("{name}: SHARED DATA IS ABSENT, NOTHING WAS TESTED (set MOCAP_SHARED; looked in {})", folder.display());
+            trials.push(Trial::test(loud, || Ok(())).with_ignored_flag(true));
+        }
+        trials.extend(tests);
+    };
+    let rows = std::fs::read_to_string(folder.join("data/MANIFEST.csv")).map(|text| manifest(&text)).unwrap_or_default();
+    let mut tests = Vec::new();
+    for row in rows.into_iter().filter(|row| row.get("file").is_some_and(|f| f.to_ascii_lowercase().ends_with(".c3d"))) {
+        let file = row.get("file").cloned().unwrap_or_default();
+        let path = folder.join("data").join(&file);
+        tests.push(Trial::test(file, move || c3d(&path, &row)));
+    }
+    if !tests.is_empty() {
+        let count = tests.len();
+        tests.push(Trial::test(
+            "c3d: the collection is whole",
+            move || if count >= 70 { Ok(()) } else { Err(format!("{count} files").into()) },
+        ));
+    }
+    suite("c3d", tests);
+    libtest_mimic::run(&Arguments::from_args(), trials).exit();
+}
