@@ -7,6 +7,7 @@
 //! The number that the file itself gives to a frame is its *label*: [`Take::frame_label`] is the one place where the two meet.
 
 use crate::Grid;
+use std::collections::BTreeMap;
 
 /// Where a sample came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -165,6 +166,8 @@ pub struct Take {
     pub markers: Vec<Marker>,
     positions_mm: Grid<[f64; 3]>,
     origins: Grid<Origin>,
+    /// What is given of samples that are missing in part; NaN for the coordinates that are not.
+    given_mm: BTreeMap<(usize, usize), [f64; 3]>,
 }
 
 impl Take {
@@ -197,6 +200,7 @@ impl Take {
     }
 
     /// Writes a position into a missing sample and marks it [`Origin::Repaired`].
+    /// Coordinates that the file gives although the sample as a whole is missing keep what the file gives.
     /// Returns false, and changes nothing, if the sample is not missing, is a model output, or the position is not finite.
     pub fn fill(&mut self, frame: usize, marker: usize, position_mm: [f64; 3]) -> bool {
         if !position_mm.iter().all(|x| x.is_finite()) || self.markers.get(marker).is_none_or(|m| m.role != Role::Marker) {
@@ -209,6 +213,11 @@ impl Take {
             return false;
         }
         *cell = position_mm;
+        if let Some(given) = self.given_mm.get(&(frame, marker)) {
+            for (x, given) in cell.iter_mut().zip(given).filter(|(_, given)| given.is_finite()) {
+                *x = *given;
+            }
+        }
         *origin = Origin::Repaired;
         true
     }
@@ -241,6 +250,7 @@ impl TakeBuilder {
                 markers,
                 positions_mm: Grid::filled(frames, columns, [f64::NAN; 3]),
                 origins: Grid::filled(frames, columns, Origin::Missing),
+                given_mm: BTreeMap::new(),
             },
         }
     }
@@ -276,6 +286,12 @@ impl TakeBuilder {
             *cell = position_mm;
             *from = origin;
         }
+    }
+
+    /// Says what is given, in mm, of a sample that is missing in part; NaN for the rest. The sample counts as missing.
+    pub fn set_partly(&mut self, frame: usize, marker: usize, given_mm: [f64; 3]) {
+        self.hide(frame, marker);
+        self.take.given_mm.insert((frame, marker), given_mm);
     }
 
     /// Makes a sample missing again.
@@ -319,6 +335,16 @@ mod tests {
         assert_eq!((t.origin(1, 0), t.position_mm(1, 0)), (Origin::Repaired, Some([9.0; 3])));
         assert!(!t.fill(1, 0, [8.0; 3]), "filled once is filled");
         assert!(!t.fill(3, 0, [8.0; 3]) && !t.fill(0, 2, [8.0; 3]), "outside the table");
+    }
+
+    #[test]
+    fn what_is_given_of_a_partial_sample_stays() {
+        let mut b = TakeBuilder::from(take());
+        b.set_partly(2, 0, [f64::NAN, 5.0, f64::NAN]);
+        let mut t = b.build();
+        assert_eq!(t.origin(2, 0), Origin::Missing);
+        assert!(t.fill(2, 0, [9.0; 3]));
+        assert_eq!(t.position_mm(2, 0), Some([9.0, 5.0, 9.0]));
     }
 
     #[test]

@@ -6,6 +6,7 @@
 use crate::solve::Bone;
 use formats::{Role, Take};
 use std::collections::BTreeSet;
+use std::fmt::Write;
 
 /// Distances are taken from about this many frames, evenly over the take.
 const FRAMES_LOOKED_AT: usize = 1200;
@@ -44,7 +45,7 @@ pub fn find(take: &Take, include: &[bool]) -> Vec<Bone> {
             // rarely seen together: then every frame counts
             let measured = if thin.len() < 50 && stride > 1 { measure(take, a, b) } else { spread(thin) };
             let Some((length_mm, spread_mm)) = measured else { continue };
-            let stiff = spread_mm <= (MOST_RELATIVE_SPREAD * length_mm).max(2.0).min(MOST_SPREAD_MM);
+            let stiff = spread_mm <= (MOST_RELATIVE_SPREAD * length_mm).clamp(2.0, MOST_SPREAD_MM);
             if stiff && length_mm <= MOST_LENGTH_MM && length_mm > 0.0 {
                 candidates.push((spread_mm + LENGTH_COST * length_mm, Bone { a, b, length_mm, spread_mm }));
             }
@@ -163,7 +164,8 @@ pub fn parse(text: &[u8]) -> Result<Vec<StatedBone>, BonesError> {
     let mut reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).comment(Some(b'#')).trim(csv::Trim::All).from_reader(text);
     let mut bones = Vec::new();
     for (at, record) in reader.records().enumerate() {
-        let record = record.map_err(|e| BonesError::Row { line: e.position().map_or(at as u64 + 1, csv::Position::line), problem: e.to_string() })?;
+        let record = record
+            .map_err(|e| BonesError::Row { line: e.position().map_or(at as u64 + 1, csv::Position::line), problem: e.to_string() })?;
         let line = record.position().map_or(at as u64 + 1, csv::Position::line);
         let cells: Vec<&str> = record.iter().collect();
         if at == 0 && cells.first().is_some_and(|c| c.eq_ignore_ascii_case("marker") || c.eq_ignore_ascii_case("marker_a")) {
@@ -219,7 +221,7 @@ pub fn write(bones: &[Bone], take: &Take) -> String {
     let mut out = String::from("marker_a,marker_b,length_mm,spread_mm\n");
     for bone in bones {
         let cells = [take.display_label(bone.a), take.display_label(bone.b)].map(|label| quoted(&label));
-        out.push_str(&format!("{},{},{:.2},{:.2}\n", cells[0], cells[1], bone.length_mm, bone.spread_mm));
+        let _ = writeln!(out, "{},{},{:.2},{:.2}", cells[0], cells[1], bone.length_mm, bone.spread_mm); // a String takes everything
     }
     out
 }

@@ -1,6 +1,7 @@
 //! What was typed, the help text, and what is printed. The only file that prints.
 #![allow(clippy::print_stdout, clippy::print_stderr)] // this is where output belongs
 
+use crate::bones;
 use crate::demo::{DemoOptions, write_demo};
 use crate::gaps::Policy;
 use crate::inspect::Inspection;
@@ -8,7 +9,6 @@ use crate::log::Terminal;
 use crate::repair::{RepairError, Request, open, repair};
 use crate::report::lines;
 use crate::solve::{Method, Settings};
-use crate::bones;
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use formats::{Role, Stated, Unit};
 use serde::Serialize;

@@ -22,13 +22,7 @@ pub struct Filled {
 
 /// Fills the gaps that were decided for, whole or not at all, and returns their samples, gap by gap.
 /// A gap for which the estimate has a hole stays open: its decision becomes [`Open::Unsolved`].
-pub fn fill(
-    take: &mut Take,
-    problem: &Problem,
-    estimate: &Estimate,
-    gaps: &[Gap],
-    decisions: &mut [Result<(), Open>],
-) -> Vec<Filled> {
+pub fn fill(take: &mut Take, problem: &Problem, estimate: &Estimate, gaps: &[Gap], decisions: &mut [Result<(), Open>]) -> Vec<Filled> {
     let mut filled = Vec::new();
     for ((at, gap), decision) in gaps.iter().enumerate().zip(decisions) {
         if decision.is_err() {
@@ -51,10 +45,12 @@ pub fn fill(
         });
         match samples {
             Some(samples) => {
-                for s in &samples {
+                for mut s in samples {
                     take.fill(s.frame, s.marker, s.position_mm);
+                    // what the file gives of a partial sample stays, so the take knows better than the estimate
+                    s.position_mm = take.position_mm(s.frame, s.marker).unwrap_or(s.position_mm);
+                    filled.push(s);
                 }
-                filled.extend(samples);
             }
             None => *decision = Err(Open::Unsolved),
         }

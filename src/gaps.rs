@@ -76,6 +76,9 @@ pub struct Policy {
 
 impl Policy {
     /// Decides about one gap. `asked_for` says whether the user wants this marker filled.
+    ///
+    /// # Errors
+    /// Why it stays open.
     pub fn decide(&self, gap: &Gap, take: &Take, asked_for: bool) -> Result<(), Open> {
         if gap.frames() == take.frames() {
             return Err(Open::NeverSeen);
@@ -122,10 +125,7 @@ mod tests {
         let all = gaps(&t);
         let decide = |policy: &Policy| all.iter().map(|g| policy.decide(g, &t, g.marker != 9)).collect::<Vec<_>>();
         assert_eq!(decide(&Policy::default()), [Ok(()), Ok(()), Err(Open::AtEnd), Err(Open::NeverSeen)]);
-        assert_eq!(
-            decide(&Policy { max_gap: Some(2), extrapolate: true }),
-            [Err(Open::TooLong), Ok(()), Ok(()), Err(Open::NeverSeen)]
-        );
+        assert_eq!(decide(&Policy { max_gap: Some(2), extrapolate: true }), [Err(Open::TooLong), Ok(()), Ok(()), Err(Open::NeverSeen)]);
         assert_eq!(Policy::default().decide(&all[0], &t, false), Err(Open::NotAskedFor));
     }
 }

@@ -4,6 +4,7 @@ use crate::bones;
 use crate::gaps::gaps;
 use crate::repair::Opened;
 use crate::report::{lines, short};
+use crate::solve::Gap;
 use formats::{Note, Origin, Role};
 use serde::Serialize;
 use std::fmt::Write;
@@ -92,7 +93,7 @@ impl Inspection {
             unit: take.unit.symbol(),
             up: take.up.map(|d| d.to_string()),
             model_outputs: include.iter().filter(|&&i| !i).count(),
-            samples_missing: found.iter().map(|g| g.frames()).sum(),
+            samples_missing: found.iter().map(Gap::frames).sum(),
             samples_derived: derived,
             gaps: found
                 .iter()

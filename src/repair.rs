@@ -4,7 +4,7 @@ use crate::bones::{self, BonesError};
 use crate::gaps::{Open, Policy, gaps};
 use crate::log::{About, Closing, LogError, McapLog};
 use crate::report::{GapReport, Report, StageReport};
-use crate::solve::{Bone, Gap, Limits, Method, Observer, Outcome, Problem, Settings, Stop, run};
+use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Stop, run};
 use crate::verify::{Broken, verify};
 use crate::{fills, staging};
 use formats::{DetectError, Document, Format, FormatError, Notes, Role, Stated, Take};
@@ -15,6 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What is wanted.
 #[derive(Clone, Debug)]
+#[allow(clippy::struct_excessive_bools)] // each is a switch of its own
 pub struct Request {
     /// The take to read. Never written, except that `in_place` puts the repaired file under its name.
     pub input: PathBuf,
@@ -52,8 +53,8 @@ pub struct Request {
     pub stated: Stated,
 }
 
-/// Largest movement of a filled sample in one EM round that counts as none, mm.
-pub const STILL_MM: f64 = 2.0;
+/// Root mean square movement of the missing samples in one EM round that counts as none, mm.
+pub const STILL_MM: f64 = 0.5;
 
 /// Why a take could not be repaired. Every text begins with the file it is about.
 #[derive(Debug, thiserror::Error)]
@@ -147,7 +148,7 @@ pub fn open(path: &Path, stated: &Stated) -> Result<Opened, RepairError> {
     let extension = path.extension().and_then(|e| e.to_str());
     let head = &bytes[..bytes.len().min(4096)];
     let format = formats::detect(head, extension).map_err(|error| RepairError::Detect { path: path.to_owned(), error })?;
-    let sha256 = Sha256::digest(&bytes).iter().map(|b| format!("{b:02x}")).collect();
+    let sha256 = hex(&Sha256::digest(&bytes));
     let notes = Notes::new();
     let document = format.open(bytes, stated, &notes).map_err(|error| RepairError::Format { path: path.to_owned(), error })?;
     Ok(Opened { format, document, notes, sha256 })
@@ -166,17 +167,17 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
     let found = gaps(before);
     let (bones, stated_bones) = chosen_bones(request, before)?;
     let asked_for = asked_for(request, before)?;
-    let mut decisions: Vec<Result<(), Open>> =
-        found.iter().map(|gap| request.policy.decide(gap, before, asked_for[gap.marker])).collect();
+    let mut decisions: Vec<Result<(), Open>> = found.iter().map(|gap| request.policy.decide(gap, before, asked_for[gap.marker])).collect();
     let mut report = Report::new(request, &opened, &bones, stated_bones);
-    let mut repaired = before.clone();
-    if !request.dry_run {
+    if request.dry_run {
+        report.gaps = GapReport::all(&found, &decisions, before, &[]);
+    } else {
+        let mut repaired = before.clone();
         let problem = Problem::new(before, &neighbours(before), &bones);
         let mut log = start_log(request, &opened, &bones, &mut report);
         if decisions.iter().any(Result::is_ok) && problem.markers() > 0 {
             let mut solver = request.method.solver(&problem, &request.settings);
-            let limits =
-                Limits { steps: request.iterations, tolerance: request.tolerance, still_mm: STILL_MM, interrupt: Some(interrupt) };
+            let limits = Limits { steps: request.iterations, tolerance: request.tolerance, still_mm: STILL_MM, interrupt: Some(interrupt) };
             let outcome = run(solver.as_mut(), &problem, 0, &limits, &mut (&mut log, watch));
             if interrupt.load(Ordering::Relaxed) {
                 return Err(RepairError::Interrupted { path: request.input.clone() });
@@ -193,11 +194,17 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
         report.judge_bones(&bones, &repaired);
         write_out(request, &opened, &repaired, log, &mut report)?;
-    } else {
-        report.gaps = GapReport::all(&found, &decisions, before, &[]);
     }
     report.notes = opened.notes.take();
     Ok(report)
+}
+
+/// Bytes as lower-case hexadecimal digits.
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::new(), |mut text, b| {
+        let _ = std::fmt::Write::write_fmt(&mut text, format_args!("{b:02x}")); // a String takes everything
+        text
+    })
 }
 
 /// A solver that broke down is an error; one that merely ran out of steps is not.
@@ -339,6 +346,9 @@ fn write_out(request: &Request, opened: &Opened, repaired: &Take, log: Option<Mc
         }
     }
     if request.in_place {
+        // whoever may not read the original may not read the repaired take either
+        let same = std::fs::metadata(&request.input).and_then(|input| file.as_file().set_permissions(input.permissions()));
+        same.map_err(|e| unwritable(output, &e))?;
         keep_original(request).and_then(|kept| placed.add(&kept, Ok(())))?;
     }
     staging::publish(file, output).map_err(|e| unwritable(output, &e))?;
@@ -482,9 +492,6 @@ impl Report {
         self.log_error = Some(format!("{}: {error}", path.display()));
     }
 }
-
-/// For one gap of a report: whether it was filled.
-pub type Decision = (Gap, Result<(), Open>);
 
 #[cfg(test)]
 mod tests {

@@ -230,6 +230,7 @@ impl Report {
     pub fn json(&self) -> String {
         #[derive(Serialize)]
         #[serde(tag = "message_type", rename_all = "snake_case")]
+        #[allow(clippy::large_enum_variant)] // a handful, written and forgotten
         enum Message<'a> {
             Note {
                 kind: &'a str,

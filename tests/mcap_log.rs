@@ -62,6 +62,7 @@ impl Solver for Script {
             log_likelihood,
             rms_residual_mm,
             largest_move_mm: 2.0,
+            rms_move_mm: 0.0,
             done: self.taken == self.steps.len() && self.name != "breaks",
         })
     }

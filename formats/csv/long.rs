@@ -59,7 +59,7 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<(Rows, Layout), Form
     let mut clock = Clock::new(header.separator, header.time_unit_secs);
     let mut scanner = Scanner::resume(bytes, header.separator, header.end, header.next_line);
     let mut width = Width::new(header);
-    let mut table = Table { markers: Vec::new(), samples: Vec::new(), blanks: Vec::new(), partial: 0, first_frame: 1 };
+    let mut table = Table { markers: Vec::new(), samples: Vec::new(), blanks: Vec::new(), partial: Vec::new(), first_frame: 1 };
     let mut rows: Vec<Row> = Vec::new();
     let mut known: HashMap<&[u8], u32> = HashMap::new(); // looked up only, never walked over
     let mut labels: Vec<Range<usize>> = Vec::new();

@@ -41,8 +41,8 @@ pub(super) struct Table {
     pub samples: Vec<[f64; 3]>,
     /// The cells that may be filled, in the order of the file.
     pub blanks: Vec<Blank>,
-    /// How many samples have some coordinates only.
-    pub partial: usize,
+    /// Samples that have some coordinates only: index into [`Table::samples`], and what is given, NaN for the rest.
+    pub partial: Vec<(usize, [f64; 3])>,
     /// The file's own number of the first frame.
     pub first_frame: i64,
 }
@@ -66,7 +66,9 @@ impl Table {
         for (marker, sample) in self.samples.get_mut(from..).unwrap_or_default().iter_mut().enumerate() {
             let given = sample.iter().filter(|v| !v.is_nan()).count();
             if (1..3).contains(&given) {
-                self.partial += usize::from(fillable.contains(&(marker as u32)));
+                if fillable.contains(&(marker as u32)) {
+                    self.partial.push((from.saturating_add(marker), *sample));
+                }
                 *sample = [f64::NAN; 3];
             }
         }
@@ -87,8 +89,8 @@ impl Table {
             notes.add(Note::UnitAssumed { unit });
             unit
         });
-        if self.partial > 0 {
-            notes.add(Note::PartialSamples { samples: self.partial });
+        if !self.partial.is_empty() {
+            notes.add(Note::PartialSamples { samples: self.partial.len() });
         }
         let outputs = self.markers.iter().filter(|m| m.role == Role::ModelOutput).count();
         if outputs > 0 {
@@ -102,6 +104,10 @@ impl Table {
             for (marker, (sample, scale)) in row.iter().zip(&scale).enumerate() {
                 builder.set(frame, marker, sample.map(|v| v * scale), Origin::Measured);
             }
+        }
+        for (index, given) in self.partial {
+            let scale = scale.get(index % columns).copied().unwrap_or(1.0);
+            builder.set_partly(index / columns, index % columns, given.map(|v| v * scale));
         }
         (builder.build(), self.blanks)
     }

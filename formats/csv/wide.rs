@@ -27,7 +27,7 @@ pub(super) struct Rows {
 /// A row with too few or too many cells, a cell that is no number, frame numbers with holes, or no rows at all.
 pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Rows, FormatError> {
     let markers = header.markers.len();
-    let mut table = Table { markers: header.markers.clone(), samples: Vec::new(), blanks: Vec::new(), partial: 0, first_frame: 1 };
+    let mut table = Table { markers: header.markers.clone(), samples: Vec::new(), blanks: Vec::new(), partial: Vec::new(), first_frame: 1 };
     let mut numbers = Numbers::new(header.separator);
     let mut clock = Clock::new(header.separator, header.time_unit_secs);
     let mut scanner = Scanner::resume(bytes, header.separator, header.end, header.next_line);

@@ -12,6 +12,7 @@ use super::channels::{Channel, tick_ns, timestamp};
 use super::check::{Expected, check};
 use super::{BoneResiduals, schema};
 use crate::solve::{Observer, Outcome, Start, Step};
+use crate::staging;
 use ::mcap::records::{MessageHeader, Metadata};
 use ::mcap::{Compression, McapError, WriteOptions, Writer};
 use prost::Message;
@@ -165,24 +166,12 @@ impl McapLog {
                 about.rate_hz
             )));
         }
-        let Some(name) = path.file_name().filter(|_| !path.is_dir()) else {
+        if path.is_dir() || path.file_name().is_none() {
             return Err(LogError::Unsupported("a folder was found where the log should be written; name a file".to_owned()));
-        };
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let mut hidden = std::ffi::OsString::from(".");
-        hidden.push(name);
-        hidden.push(".");
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(&hidden).suffix(".part");
-        #[cfg(unix)]
-        {
-            // Temporary files are private by default, but this one becomes a log like any other file; the umask still applies.
-            use std::os::unix::fs::PermissionsExt;
-            builder.permissions(std::fs::Permissions::from_mode(0o666));
         }
         Ok(Self {
             path: path.to_owned(),
-            file: builder.tempfile_in(folder)?,
+            file: staging::beside(path)?,
             about,
             waiting: Vec::new(),
             iterations: 0,

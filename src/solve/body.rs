@@ -53,6 +53,7 @@ impl BodyFrames {
             })
             .unwrap_or(0);
         let mut reference: Vec<Option<[f64; 2]>> = (0..markers).map(|i| flat(first, i)).collect();
+        centre(&mut reference, &weights);
         let mut poses = vec![None; frames];
         for round in 0..6 {
             let mut sums = vec![[0.0; 2]; markers];
@@ -83,6 +84,7 @@ impl BodyFrames {
                     });
                 }
             }
+            centre(&mut reference, &weights);
         }
         Self::smoothed(problem, up, &poses)
     }
@@ -170,6 +172,24 @@ struct Pose {
     weight: f64,
     /// How firmly it holds the direction.
     inertia: f64,
+}
+
+/// Puts the weighted middle of a shape at the origin.
+/// An origin far from the body would sweep with every wobble of the turn, and smoothing cuts corners of what sweeps:
+/// then a repair would depend on where in the room the take was made (`tests/laws/moving.rs`).
+fn centre(shape: &mut [Option<[f64; 2]>], weights: &[f64]) {
+    let (mut sum, mut weight) = ([0.0; 2], 0.0);
+    for (at, w) in shape.iter().zip(weights) {
+        if let Some(at) = at {
+            sum = [sum[0] + w * at[0], sum[1] + w * at[1]];
+            weight += w;
+        }
+    }
+    if weight > 0.0 {
+        for at in shape.iter_mut().flatten() {
+            *at = [at[0] - sum[0] / weight, at[1] - sum[1] / weight];
+        }
+    }
 }
 
 fn turn(p: [f64; 2], cosine: f64, sine: f64) -> [f64; 2] {

@@ -58,13 +58,15 @@ impl Solver for Interpolate<'_> {
         }
         let bends: Vec<[Vec<f64>; 3]> = knots
             .iter()
-            .map(|(times, values)| std::array::from_fn(|axis| if self.curve == Curve::Spline { natural(times, &values[axis]) } else { vec![0.0; times.len()] }))
+            .map(|(times, values)| {
+                std::array::from_fn(|axis| if self.curve == Curve::Spline { natural(times, &values[axis]) } else { vec![0.0; times.len()] })
+            })
             .collect();
         for (k, &(t, i)) in problem.missing.iter().enumerate() {
             let (times, values) = &knots[i];
             self.estimate.positions_mm[k] = std::array::from_fn(|axis| evaluate(times, &values[axis], &bends[i][axis], t as f64));
         }
-        Ok(Progress { log_likelihood: None, rms_residual_mm: None, largest_move_mm: 0.0, done: true })
+        Ok(Progress { log_likelihood: None, rms_residual_mm: None, largest_move_mm: 0.0, rms_move_mm: 0.0, done: true })
     }
 
     fn estimate(&self) -> &Estimate {
@@ -125,8 +127,7 @@ mod tests {
             assert!((at(*t) - v).abs() < 1e-12);
         }
         let h = 1e-5;
-        for k in 1..5 {
-            let t = times[k];
+        for &t in &times[1..5] {
             let (left, right) = ((at(t) - at(t - h)) / h, (at(t + h) - at(t)) / h);
             assert!((left - right).abs() < 1e-3, "slope at {t}: {left} {right}");
         }

@@ -40,6 +40,8 @@ pub struct Progress {
     pub rms_residual_mm: Option<f64>,
     /// The farthest that this step moved a missing sample, in mm.
     pub largest_move_mm: f64,
+    /// How far it moved them, root mean square, in mm.
+    pub rms_move_mm: f64,
     /// True if another step would change nothing.
     pub done: bool,
 }
@@ -72,9 +74,9 @@ pub trait Solver {
 pub struct Limits<'a> {
     /// The most steps.
     pub steps: u32,
-    /// Stop when the log-likelihood changes by less than this share of itself and nothing moves farther than [`Limits::still_mm`].
+    /// Stop when the log-likelihood changes by less than this share of itself and the missing samples move by less than [`Limits::still_mm`] (root mean square).
     pub tolerance: f64,
-    /// A move that counts as none, in mm.
+    /// A root mean square move that counts as none, in mm.
     pub still_mm: f64,
     /// Stop when this becomes true.
     pub interrupt: Option<&'a AtomicBool>,
@@ -225,18 +227,11 @@ pub fn run(solver: &mut dyn Solver, problem: &Problem, stage: u32, limits: &Limi
             }
         };
         let settled = match (before, progress.log_likelihood) {
-            (Some(a), Some(b)) => (b - a).abs() <= limits.tolerance * b.abs() && progress.largest_move_mm <= limits.still_mm,
+            (Some(a), Some(b)) => (b - a).abs() <= limits.tolerance * b.abs() && progress.rms_move_mm <= limits.still_mm,
             _ => false,
         };
         let converged = progress.done || settled;
-        observer.stepped(&Step {
-            stage,
-            iteration: outcome.steps,
-            progress: &progress,
-            problem,
-            estimate: solver.estimate(),
-            converged,
-        });
+        observer.stepped(&Step { stage, iteration: outcome.steps, progress: &progress, problem, estimate: solver.estimate(), converged });
         before = progress.log_likelihood;
         outcome.steps += 1;
         outcome.last = Some(progress);

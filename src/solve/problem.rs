@@ -68,22 +68,18 @@ impl Problem {
             })
             .collect();
         let column_of = |marker: usize| columns.binary_search(&marker).ok();
-        let bones = bones
-            .iter()
-            .filter_map(|bone| Some(Bone { a: column_of(bone.a)?, b: column_of(bone.b)?, ..*bone }))
-            .collect();
+        let bones = bones.iter().filter_map(|bone| Some(Bone { a: column_of(bone.a)?, b: column_of(bone.b)?, ..*bone })).collect();
         let mut positions_mm = Vec::with_capacity(frames * columns.len());
         let mut missing = Vec::new();
         let mut missing_starts = Vec::with_capacity(frames + 1);
         for frame in 0..frames {
             missing_starts.push(missing.len());
             for (column, &marker) in columns.iter().enumerate() {
-                match take.position_mm(frame, marker) {
-                    Some(position) => positions_mm.push(position),
-                    None => {
-                        positions_mm.push([f64::NAN; 3]);
-                        missing.push((frame, column));
-                    }
+                if let Some(position) = take.position_mm(frame, marker) {
+                    positions_mm.push(position);
+                } else {
+                    positions_mm.push([f64::NAN; 3]);
+                    missing.push((frame, column));
                 }
             }
         }

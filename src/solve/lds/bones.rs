@@ -1,12 +1,16 @@
 //! Bones as evidence (the penalty of Eq. 8), frame by frame.
 //!
-//! The penalty `λ/2 (‖xᵢ - xⱼ‖² - d²)²` is the negative log-density of a Gaussian observation of the squared length with variance `1/λ`.
-//! Linearised at the present positions (Gauss-Newton) it is a linear observation `J x = r + unit noise` of the missing markers `x` of a frame.
+//! The penalty `λ/2 (‖xᵢ - xⱼ‖² - d²)²` is, close to the right length, the negative log-density of a Gaussian observation of the length
+//! with standard deviation `1 / (2 d √λ)`. Linearised at the present positions (Gauss-Newton) it is a linear observation `J x = r + unit noise` of the missing markers `x` of a frame.
 //! Given the hidden state, `x = G z + ε` with covariance Σ, so the bones tell the state
 //! `J G z = r` with covariance `S = J Σ Jᵀ + 1`, and the markers, given the state,
 //! `x = A z + k` with `K = Σ Jᵀ S⁻¹`, `A = G - K J G`, `k = K r` and covariance `Σ - K J Σ`.
 //! The first goes into the forward-backward pass, the second into the M-step and the estimate:
 //! neighbouring frames are coupled through the dynamics, and nothing jumps.
+//!
+//! A step that trusts the linearisation too far can swing to and fro between two wrong places for ever. So each frame has a *damping* μ
+//! (Levenberg-Marquardt): while it is above 0, `½ μ ‖x - x₀‖²` holds the markers near the place x₀ of the linearisation.
+//! It rises when the bones got no better although the linearisation said so, falls otherwise, and leaves the solution where it is.
 //!
 //! Missing markers that no chain of bones between missing markers connects are independent: each group is its own small system.
 
@@ -86,11 +90,14 @@ pub struct Linearised {
     pub jacobian: DMatrix<f64>,
     /// r, bones.
     pub right: DVector<f64>,
-    /// -½ Σ ln λ: turns the density of the scaled rows into that of squared lengths.
+    /// -Σ ln(2 d √λ): turns the density of the scaled rows into that of lengths in m.
     pub log_scale: f64,
 }
 
 /// Linearises the bones of `group` at `positions` (m, centred positions of one frame) plus `centre` (m).
+///
+/// What is linearised is the length, `2 d √λ (‖xᵢ - xⱼ‖ - d)`, not its square: both agree to first order where the bone has its length,
+/// but away from there the square overshoots (from half the length to one and a quarter), and rounds of EM then swing to and fro.
 pub fn linearise(group: &Group, bones: &[LocalBone], positions: &[f64], centre: &[f64]) -> Linearised {
     let at = |marker: usize, axis: usize| positions[3 * marker + axis] + centre[3 * marker + axis];
     let mut jacobian = DMatrix::zeros(group.bones.len(), 3 * group.markers.len());
@@ -98,18 +105,22 @@ pub fn linearise(group: &Group, bones: &[LocalBone], positions: &[f64], centre: 
     let mut log_scale = 0.0;
     for (row, bone) in group.bones.iter().map(|&k| &bones[k]).enumerate() {
         let along: [f64; 3] = std::array::from_fn(|axis| at(bone.a, axis) - at(bone.b, axis));
-        let squared = along.iter().map(|x| x * x).sum::<f64>();
-        right[row] = -(squared - bone.squared_length) * bone.weight;
+        let length = along.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let stiffness = 2.0 * bone.squared_length.sqrt() * bone.weight; // 1 / standard deviation of the length
+        log_scale -= stiffness.ln();
+        if length < 1e-6 {
+            continue; // two markers in one place have no direction; this round the bone says nothing
+        }
+        right[row] = -(length - bone.squared_length.sqrt()) * stiffness;
         for (marker, sign) in [(bone.a, 1.0), (bone.b, -1.0)] {
             if let Ok(slot) = group.markers.binary_search(&marker) {
                 for (axis, step) in along.iter().enumerate() {
-                    let slope = sign * 2.0 * step * bone.weight;
+                    let slope = sign * step / length * stiffness;
                     jacobian[(row, 3 * slot + axis)] = slope;
                     right[row] += slope * positions[3 * marker + axis];
                 }
             }
         }
-        log_scale -= bone.weight.ln();
     }
     Linearised { jacobian, right, log_scale }
 }
@@ -123,8 +134,10 @@ pub struct BoneEvidence {
     pub vector: DVector<f64>,
     /// What they add to c.
     pub constant: f64,
-    /// The markers, ascending.
-    pub markers: Vec<usize>,
+    /// Whom it is about.
+    pub group: Group,
+    /// The linearised bones.
+    pub system: Linearised,
     /// A, 3 · markers × H.
     pub gain: DMatrix<f64>,
     /// k, 3 · markers.
@@ -133,13 +146,61 @@ pub struct BoneEvidence {
     pub rest: Vec<f64>,
 }
 
-/// Integrates the missing markers of `group` out of its linearised bones.
+impl BoneEvidence {
+    /// What the linearised bones cost at `positions` (one frame, centred, m): ½ ‖J x - r‖².
+    pub fn linear_cost(&self, positions: &[f64]) -> f64 {
+        let x = DVector::from_iterator(
+            3 * self.group.markers.len(),
+            self.group.markers.iter().flat_map(|&i| positions[3 * i..3 * i + 3].iter().copied()),
+        );
+        0.5 * (&self.system.jacobian * x - &self.system.right).norm_squared()
+    }
+}
+
+/// What the bones of a group cost at `positions`: `½ Σ (2 d √λ (‖xᵢ - xⱼ‖ - d))²`.
+pub fn cost(group: &Group, bones: &[LocalBone], positions: &[f64], centre: &[f64]) -> f64 {
+    let off = |bone: &LocalBone| {
+        let length = (0..3)
+            .map(|axis| {
+                (positions[3 * bone.a + axis] + centre[3 * bone.a + axis] - positions[3 * bone.b + axis] - centre[3 * bone.b + axis])
+                    .powi(2)
+            })
+            .sum::<f64>()
+            .sqrt();
+        2.0 * bone.squared_length.sqrt() * bone.weight * (length - bone.squared_length.sqrt())
+    };
+    group.bones.iter().map(|&k| 0.5 * off(&bones[k]).powi(2)).sum()
+}
+
+/// Integrates the missing markers of `group` out of its linearised bones. `damping` is μ in 1/m², `anchor` (3 · markers) is x₀, centred, m.
 /// `None` if S cannot be factorised, which takes positions that are not finite.
-pub fn integrate(group: &Group, system: &Linearised, model: &Model) -> Option<BoneEvidence> {
+pub fn integrate(group: &Group, system: Linearised, model: &Model, damping: f64, anchor: &[f64]) -> Option<BoneEvidence> {
     let unknowns = 3 * group.markers.len();
     let (rows, hidden) = (group.bones.len(), model.hidden());
-    let noise = |k: usize| model.marker_noise[group.markers[k / 3]];
-    let emission = DMatrix::from_fn(unknowns, hidden, |r, c| model.emission[(3 * group.markers[r / 3] + r % 3, c)]);
+    let free = |k: usize| model.marker_noise[group.markers[k / 3]];
+    // with damping the marker's own distribution is N(G z, r) times N(x₀, 1/μ): a smaller variance, a mean between the two,
+    // and the overlap of both, which speaks about z
+    let noise = |k: usize| 1.0 / (1.0 / free(k) + damping);
+    let own = DMatrix::from_fn(unknowns, hidden, |r, c| model.emission[(3 * group.markers[r / 3] + r % 3, c)]);
+    let mut emission = own.clone();
+    let mut lead = DVector::zeros(unknowns);
+    let mut matrix = DMatrix::zeros(hidden, hidden);
+    let mut vector = DVector::zeros(hidden);
+    let mut constant = 0.0;
+    if damping > 0.0 {
+        let mut pulled = own.clone();
+        let mut towards = DVector::zeros(unknowns);
+        for k in 0..unknowns {
+            let overlap = free(k) + 1.0 / damping;
+            emission.row_mut(k).scale_mut(noise(k) / free(k));
+            lead[k] = noise(k) * damping * anchor[k];
+            pulled.row_mut(k).scale_mut(1.0 / overlap);
+            towards[k] = anchor[k] / overlap;
+            constant += anchor[k] * towards[k] + (1.0 + damping * free(k)).ln();
+        }
+        matrix.gemm_tr(1.0, &own, &pulled, 1.0);
+        vector.gemv_tr(1.0, &own, &towards, 1.0);
+    }
     let mut scaled = system.jacobian.transpose(); // Σ Jᵀ, 3k × bones
     for mut column in scaled.column_iter_mut() {
         for (k, value) in column.iter_mut().enumerate() {
@@ -150,27 +211,23 @@ pub fn integrate(group: &Group, system: &Linearised, model: &Model) -> Option<Bo
     spread.gemm(1.0, &system.jacobian, &scaled, 1.0);
     let factor = spread.cholesky()?;
     let projected = &system.jacobian * &emission; // J G, bones × H
+    let mut right = system.right.clone();
+    right.gemv(-1.0, &system.jacobian, &lead, 1.0);
     let whitened = factor.solve(&projected); // S⁻¹ J G
-    let pulled = factor.solve(&system.right); // S⁻¹ r
+    let pulled = factor.solve(&right); // S⁻¹ r
     let log_determinant = 2.0 * (0..rows).map(|k| factor.l_dirty()[(k, k)].ln()).sum::<f64>();
-    let constant = system.right.dot(&pulled) + log_determinant + rows as f64 * std::f64::consts::TAU.ln() + 2.0 * system.log_scale;
+    constant += right.dot(&pulled) + log_determinant + rows as f64 * std::f64::consts::TAU.ln() + 2.0 * system.log_scale;
+    matrix.gemm_tr(1.0, &projected, &whitened, 1.0);
+    vector.gemv_tr(1.0, &projected, &pulled, 1.0);
     let mut gain = emission;
     gain.gemm(-1.0, &scaled, &whitened, 1.0);
-    let offset = &scaled * &pulled;
+    let mut offset = lead;
+    offset.gemv(1.0, &scaled, &pulled, 1.0);
     let mut half = scaled.transpose(); // J Σ, then L⁻¹ J Σ
     factor.l_dirty().solve_lower_triangular_mut(&mut half);
-    let rest = (0..group.markers.len())
-        .map(|i| (3 * i..3 * i + 3).map(|k| (noise(k) - half.column(k).norm_squared()).max(0.0)).sum())
-        .collect();
-    let evidence = BoneEvidence {
-        matrix: projected.tr_mul(&whitened),
-        vector: projected.tr_mul(&pulled),
-        constant,
-        markers: group.markers.clone(),
-        gain,
-        offset,
-        rest,
-    };
+    let rest =
+        (0..group.markers.len()).map(|i| (3 * i..3 * i + 3).map(|k| (noise(k) - half.column(k).norm_squared()).max(0.0)).sum()).collect();
+    let evidence = BoneEvidence { matrix, vector, constant, group: group.clone(), system, gain, offset, rest };
     evidence.constant.is_finite().then_some(evidence)
 }
 
@@ -230,7 +287,8 @@ pub fn penalty(group: &Group, bones: &[LocalBone], positions: &[f64], centre: &[
     for bone in group.bones.iter().map(|&k| &bones[k]) {
         let squared: f64 = (0..3)
             .map(|axis| {
-                let along = positions[3 * bone.a + axis] + centre[3 * bone.a + axis] - positions[3 * bone.b + axis] - centre[3 * bone.b + axis];
+                let along =
+                    positions[3 * bone.a + axis] + centre[3 * bone.a + axis] - positions[3 * bone.b + axis] - centre[3 * bone.b + axis];
                 along * along
             })
             .sum();

@@ -43,12 +43,70 @@ pub struct Smoothed {
 }
 
 /// Inverts a symmetric positive definite matrix into `inverse` and returns the logarithm of its determinant.
-fn invert(matrix: &DMatrix<f64>, inverse: &mut DMatrix<f64>) -> Option<f64> {
-    let factor = matrix.clone_owned().cholesky()?;
-    let log_determinant = 2.0 * (0..matrix.nrows()).map(|k| factor.l_dirty()[(k, k)].ln()).sum::<f64>();
-    inverse.fill_with_identity();
-    factor.solve_mut(inverse);
+/// `factor` is scratch of the same size.
+///
+/// Three triangular passes over contiguous columns (`A = L Lᵀ`, `M = L⁻¹`, `A⁻¹ = Mᵀ M`), n³/2 multiplications in all:
+/// solving against an identity matrix with the library's factorisation takes 7/6 n³, and this is where the filter spends its time.
+fn invert(matrix: &DMatrix<f64>, factor: &mut DMatrix<f64>, inverse: &mut DMatrix<f64>) -> Option<f64> {
+    let n = matrix.nrows();
+    factor.copy_from(matrix);
+    let l = factor.as_mut_slice();
+    let mut log_determinant = 0.0;
+    for j in 0..n {
+        let (done, rest) = l.split_at_mut((j + 1) * n);
+        let column = &mut done[j * n..];
+        let pivot = column[j];
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            return None;
+        }
+        log_determinant += pivot.ln();
+        let root = pivot.sqrt();
+        for x in &mut column[j..] {
+            *x /= root;
+        }
+        for (k, other) in rest.chunks_exact_mut(n).enumerate() {
+            let k = j + 1 + k;
+            let share = column[k];
+            for (x, y) in other[k..].iter_mut().zip(&column[k..]) {
+                *x -= share * y;
+            }
+        }
+    }
+    inverse.fill(0.0);
+    let m = inverse.as_mut_slice();
+    for (j, column) in m.chunks_exact_mut(n).enumerate() {
+        column[j] = 1.0;
+        for k in j..n {
+            let x = column[k] / l[k * n + k];
+            column[k] = x;
+            for (y, z) in column[k + 1..].iter_mut().zip(&l[k * n + k + 1..(k + 1) * n]) {
+                *y -= x * z;
+            }
+        }
+    }
+    // the product goes over the rows below the diagonal; the factor is no longer needed and takes it
+    for j in 0..n {
+        for i in 0..=j {
+            let value = dot(&m[i * n + j..(i + 1) * n], &m[j * n + j..(j + 1) * n]);
+            l[j * n + i] = value;
+            l[i * n + j] = value;
+        }
+    }
+    inverse.copy_from(factor);
     log_determinant.is_finite().then_some(log_determinant)
+}
+
+/// A dot product in four lanes, so that the compiler may use vector registers; the order of summation is fixed.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; 4];
+    let (heads, tails) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest: f64 = heads.remainder().iter().zip(tails.remainder()).map(|(x, y)| x * y).sum();
+    for (x, y) in heads.zip(tails) {
+        for k in 0..4 {
+            lanes[k] += x[k] * y[k];
+        }
+    }
+    (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]) + rest
 }
 
 /// Makes a matrix that is symmetric up to rounding exactly so.
@@ -76,6 +134,7 @@ pub fn smooth(model: &Model, evidence: &Evidence) -> Result<Smoothed, SolveError
     let mut predicted_inverse = DMatrix::zeros(hidden, hidden);
     let mut forward = DMatrix::zeros(hidden, hidden); // V Fᵀ
     let mut precision = DMatrix::zeros(hidden, hidden);
+    let mut factor = DMatrix::zeros(hidden, hidden);
     let mut predicted_mean = DVector::zeros(hidden);
     let mut pull = DVector::zeros(hidden);
     let mut log_likelihood = 0.0;
@@ -89,13 +148,12 @@ pub fn smooth(model: &Model, evidence: &Evidence) -> Result<Smoothed, SolveError
             predicted.gemm(1.0, &model.transition, &forward, 1.0); // Eq. 15
             predicted_mean.gemv(1.0, &model.transition, &means.column(t - 1), 0.0);
         }
-        let log_predicted = invert(&predicted, &mut predicted_inverse).ok_or_else(|| broken(t))?;
+        let log_predicted = invert(&predicted, &mut factor, &mut predicted_inverse).ok_or_else(|| broken(t))?;
         let matrix = evidence.matrix(t);
         precision.copy_from(&predicted_inverse);
         precision += matrix;
         let mut covariance = DMatrix::zeros(hidden, hidden);
-        let log_precision = invert(&precision, &mut covariance).ok_or_else(|| broken(t))?;
-        symmetrise(&mut covariance);
+        let log_precision = invert(&precision, &mut factor, &mut covariance).ok_or_else(|| broken(t))?;
         // μ = μ⁻ + V (b - L μ⁻): the same as Eq. 17, without forming the gain
         pull.copy_from(&evidence.vectors.column(t));
         let towards = pull.dot(&predicted_mean);
@@ -104,7 +162,7 @@ pub fn smooth(model: &Model, evidence: &Evidence) -> Result<Smoothed, SolveError
         let mut mean = means.column_mut(t);
         mean.copy_from(&predicted_mean);
         mean.gemv(1.0, &covariance, &pull, 1.0);
-        let gain = (&covariance * &pull).dot(&pull);
+        let gain = (&mean - &predicted_mean).dot(&pull);
         log_likelihood -= 0.5 * (evidence.constants[t] - towards - against - gain + log_predicted + log_precision);
         covariances.push(covariance);
     }
@@ -115,7 +173,7 @@ pub fn smooth(model: &Model, evidence: &Evidence) -> Result<Smoothed, SolveError
         forward.gemm(1.0, &covariances[t], &transposed, 0.0);
         predicted.copy_from(&model.state_noise);
         predicted.gemm(1.0, &model.transition, &forward, 1.0);
-        invert(&predicted, &mut predicted_inverse).ok_or_else(|| broken(t))?;
+        invert(&predicted, &mut factor, &mut predicted_inverse).ok_or_else(|| broken(t))?;
         back.gemm(1.0, &forward, &predicted_inverse, 0.0); // Eq. 25
         let back_transposed = back.transpose();
         lagged.gemm(1.0, &covariances[t + 1], &back_transposed, 1.0); // Eq. 29
@@ -134,4 +192,24 @@ pub fn smooth(model: &Model, evidence: &Evidence) -> Result<Smoothed, SolveError
         return Err(SolveError::Numerical("the log-likelihood is not finite".into()));
     }
     Ok(Smoothed { means, covariances, lagged, log_likelihood })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_inverse_is_one_and_knows_its_determinant() {
+        for n in [1usize, 2, 5, 16, 19] {
+            let a = DMatrix::from_fn(n, n, |r, c| ((r * 7 + c * 3) as f64 * 0.37).sin());
+            let a = &a * a.transpose() + DMatrix::identity(n, n);
+            let (mut factor, mut inverse) = (a.clone(), a.clone());
+            let log_determinant = invert(&a, &mut factor, &mut inverse).unwrap_or(f64::NAN);
+            assert!((&a * &inverse - DMatrix::<f64>::identity(n, n)).amax() < 1e-10, "{n}");
+            assert!((log_determinant - a.determinant().ln()).abs() < 1e-9, "{n}");
+        }
+        let mut scratch = DMatrix::zeros(2, 2);
+        let indefinite = DMatrix::from_row_slice(2, 2, &[1.0, 2.0, 2.0, 1.0]);
+        assert_eq!(invert(&indefinite, &mut scratch.clone(), &mut scratch), None);
+    }
 }

@@ -9,6 +9,7 @@
 
 pub mod bones;
 pub mod em;
+pub mod join;
 pub mod kalman;
 pub mod model;
 
@@ -18,6 +19,8 @@ use bones::{BoneEvidence, LocalBone};
 use kalman::Evidence;
 use model::Model;
 use nalgebra::DMatrix;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
 
 /// How the missing entries enter the E-step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,6 +56,19 @@ pub struct Options {
 /// The smallest spread that a bone is believed to have, in mm: shorter takes make distances look stiffer than they are.
 const LEAST_SPREAD_MM: f64 = 1.0;
 
+/// A missing sample that turns back by more than this swings, m.
+const SWING_M: f64 = 0.001;
+
+/// The first rounds go without bones: in long gaps the start is far off, and bones linearised there would hold it.
+const ROUNDS_WITHOUT_BONES: u32 = 1;
+
+/// In frames that show fewer markers than this bones say nothing.
+/// They would tie missing markers to missing markers only, around a place that nobody saw, and outvote the dynamics that carry the body through.
+const LEAST_SEEN: usize = 4;
+
+/// Frames are summed up in blocks of this many, so that sums do not depend on the number of cores.
+const BLOCK: usize = 64;
+
 /// The EM solver.
 pub struct Lds<'a> {
     problem: &'a Problem,
@@ -67,6 +83,18 @@ pub struct Lds<'a> {
     model: Model,
     bones: Vec<LocalBone>,
     incidence: Vec<Vec<usize>>,
+    /// Where the bones of each missing sample are linearised, centred, m.
+    anchors: Vec<[f64; 3]>,
+    /// How far the last E-step moved each missing sample from its anchor, m.
+    steps: Vec<[f64; 3]>,
+    /// μ of each frame, 1/m².
+    damping: Vec<f64>,
+    /// The least μ of each frame; it rises with every bad step, so that no frame swings for ever.
+    least_damping: Vec<f64>,
+    /// The frames that enclose each missing sample.
+    edges: Vec<(Option<usize>, Option<usize>)>,
+    /// Rounds taken.
+    rounds: u32,
     estimate: Estimate,
 }
 
@@ -139,10 +167,17 @@ impl<'a> Lds<'a> {
             model,
             bones,
             incidence,
+            anchors: Vec::new(),
+            steps: vec![[0.0; 3]; problem.missing.len()],
+            damping: vec![0.0; frames],
+            least_damping: vec![0.0; frames],
+            edges: join::edges(problem),
+            rounds: 0,
             estimate: Estimate::open(problem.missing.len()),
         };
+        lds.anchors = problem.missing.iter().map(|&(t, i)| lds.filled_at(t, i)).collect();
         for k in 0..problem.missing.len() {
-            lds.publish(k, f64::NAN);
+            lds.publish(k, [0.0; 3], f64::NAN);
         }
         lds
     }
@@ -152,16 +187,109 @@ impl<'a> Lds<'a> {
         &self.model
     }
 
-    /// Copies the present position of a missing sample into the estimate; returns how far it moved, mm.
-    fn publish(&mut self, k: usize, variance: f64) -> f64 {
+    /// What is added to each missing sample so that it joins what was observed, m; see `join.rs`.
+    /// The plain model (DynaMMo) and the paper's E-step stay as they are printed.
+    fn corrections(&self, expected: &DMatrix<f64>) -> Vec<[f64; 3]> {
+        let problem = self.problem;
+        if self.bones.is_empty() || self.options.e_step == EStep::Imputing {
+            return vec![[0.0; 3]; problem.missing.len()];
+        }
+        let mut residual = &self.observed - expected;
+        for &(t, i) in &problem.missing {
+            residual.view_mut((3 * i, t), (3, 1)).fill(0.0);
+        }
+        let correlations = join::correlation_frames(problem, &residual);
+        problem
+            .missing
+            .iter()
+            .zip(&self.edges)
+            .map(|(&(t, i), edges)| {
+                let at = |frame: usize, axis: usize| residual[(3 * i + axis, frame)];
+                std::array::from_fn(|axis| match *edges {
+                    (Some(a), Some(b)) => {
+                        let (share_a, share_b) = join::bridge((t - a) as f64, (b - a) as f64, correlations[i]);
+                        share_a * at(a, axis) + share_b * at(b, axis)
+                    }
+                    (Some(a), None) => at(a, axis) * (-((t - a) as f64) / correlations[i]).exp(),
+                    (None, Some(b)) => at(b, axis) * (-((b - t) as f64) / correlations[i]).exp(),
+                    (None, None) => 0.0,
+                })
+            })
+            .collect()
+    }
+
+    /// Copies the present position of a missing sample, with its correction, into the estimate; returns how far it moved, mm.
+    fn publish(&mut self, k: usize, correction: [f64; 3], variance: f64) -> f64 {
         let (t, i) = self.problem.missing[k];
-        let local: [f64; 3] = std::array::from_fn(|axis| (self.filled[(3 * i + axis, t)] + self.centre[3 * i + axis]) * 1000.0);
+        let local: [f64; 3] =
+            std::array::from_fn(|axis| (self.filled[(3 * i + axis, t)] + correction[axis] + self.centre[3 * i + axis]) * 1000.0);
         let world = self.frames.to_world(t, local);
         let before = self.estimate.positions_mm[k];
         self.estimate.positions_mm[k] = world;
         self.estimate.sigma_mm[k] = variance.sqrt() * 1000.0;
         let moved: f64 = (0..3).map(|axis| (world[axis] - before[axis]).powi(2)).sum();
         if moved.is_finite() { moved.sqrt() } else { 0.0 }
+    }
+
+    /// The present expectation of a missing sample, centred, m.
+    fn filled_at(&self, t: usize, i: usize) -> [f64; 3] {
+        std::array::from_fn(|axis| self.filled[(3 * i + axis, t)])
+    }
+
+    /// Where the bones of a frame are linearised: what was seen, and the anchors of what was not; centred, m.
+    fn place(&self, t: usize) -> Vec<f64> {
+        let mut place: Vec<f64> = self.observed.column(t).iter().copied().collect();
+        for k in self.problem.missing_in(t) {
+            let i = self.problem.missing[k].1;
+            place[3 * i..3 * i + 3].copy_from_slice(&self.anchors[k]);
+        }
+        place
+    }
+
+    /// After an E-step: frames in which the linearisation held move their anchors to the new expectations and lose damping,
+    /// the others keep their anchors and are damped more.
+    fn judge(&mut self, spoken: &[Vec<BoneEvidence>]) {
+        for (t, said) in spoken.iter().enumerate().filter(|(_, said)| !said.is_empty()) {
+            let before = self.place(t);
+            let now: Vec<f64> = self.filled.column(t).iter().copied().collect();
+            let (mut was, mut is, mut promised, mut rows) = (0.0, 0.0, 0.0, 0usize);
+            for said in said {
+                was += bones::cost(&said.group, &self.bones, &before, &self.centre);
+                is += bones::cost(&said.group, &self.bones, &now, &self.centre);
+                promised += said.linear_cost(&now);
+                rows += said.group.bones.len();
+            }
+            // a sample that turns back on itself is swinging, whatever the bones say
+            let mut swings = false;
+            for k in self.problem.missing_in(t) {
+                let now = self.filled_at(t, self.problem.missing[k].1);
+                let step: [f64; 3] = std::array::from_fn(|axis| now[axis] - self.anchors[k][axis]);
+                let product = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+                let (size, last) = (product(step, step), product(self.steps[k], self.steps[k]));
+                swings |= size > SWING_M * SWING_M && product(step, self.steps[k]) < -0.3 * (size * last).sqrt();
+                self.steps[k] = step;
+            }
+            let present = self.damping[t];
+            let strong = 1.0 / self.problem.missing_in(t).map(|k| self.model.marker_noise[self.problem.missing[k].1]).fold(0.0, f64::max);
+            let overshot = is - promised > 0.5 * rows as f64 && is > 0.5 * was;
+            if overshot || swings {
+                self.damping[t] = (4.0 * present).max(strong);
+                self.least_damping[t] = (2.0 * self.least_damping[t]).max(strong / 16.0);
+                if overshot && is > was {
+                    continue; // stay, and step more carefully
+                }
+            } else {
+                let less = present / 4.0;
+                self.damping[t] = if less < strong / 16.0 { 0.0 } else { less }.max(self.least_damping[t]);
+            }
+            let share = if swings { 0.5 } else { 1.0 };
+            for k in self.problem.missing_in(t) {
+                let now = self.filled_at(t, self.problem.missing[k].1);
+                for (anchor, now) in self.anchors[k].iter_mut().zip(now) {
+                    *anchor += share * (now - *anchor);
+                }
+            }
+        }
     }
 
     /// What the frames say, given the present parameters; and what the bones say about their markers, per frame.
@@ -189,47 +317,63 @@ impl<'a> Lds<'a> {
         let mut partial: Vec<Option<DMatrix<f64>>> = vec![None; frames];
         let mut spoken: Vec<Vec<BoneEvidence>> = vec![Vec::new(); frames];
         if exact {
-            let each: Vec<DMatrix<f64>> =
-                (0..markers).map(|i| model.emission.rows(3 * i, 3).tr_mul(&weighted.rows(3 * i, 3))).collect();
-            for t in 0..frames {
-                let range = problem.missing_in(t);
-                if range.is_empty() {
-                    continue;
-                }
-                let missing: Vec<usize> = problem.missing[range].iter().map(|&(_, i)| i).collect();
-                let hidden = model.hidden();
-                // sum what is there or take away what is not, whichever is shorter and so more exact
-                let mut matrix = if 2 * missing.len() > markers {
-                    let mut sum = DMatrix::zeros(hidden, hidden);
-                    for i in (0..markers).filter(|&i| problem.observed(t, i)) {
-                        sum += &each[i];
-                    }
-                    sum
-                } else {
-                    let mut rest = complete.clone();
-                    for &i in &missing {
-                        rest -= &each[i];
-                    }
-                    rest
-                };
-                constants[t] -= missing.iter().map(|&i| constants_of[i]).sum::<f64>();
-                if !self.bones.is_empty() {
-                    let column = self.filled.column(t);
-                    for group in bones::groups(&missing, &self.bones, &self.incidence) {
-                        let system = bones::linearise(&group, &self.bones, column.as_slice(), &self.centre);
-                        if let Some(said) = bones::integrate(&group, &system, model) {
-                            matrix += &said.matrix;
-                            let mut vector = vectors.column_mut(t);
-                            vector += &said.vector;
-                            constants[t] += said.constant;
-                            spoken[t].push(said);
-                        }
-                    }
+            let each: Vec<DMatrix<f64>> = (0..markers).map(|i| model.emission.rows(3 * i, 3).tr_mul(&weighted.rows(3 * i, 3))).collect();
+            let incomplete: Vec<usize> = (0..frames).filter(|&t| !problem.missing_in(t).is_empty()).collect();
+            let told: Vec<(DMatrix<f64>, f64, Vec<BoneEvidence>)> =
+                incomplete.par_iter().map(|&t| self.tell(t, &complete, &each, &constants_of)).collect();
+            for (&t, (matrix, constant, said)) in incomplete.iter().zip(told) {
+                constants[t] += constant;
+                for group in &said {
+                    let mut vector = vectors.column_mut(t);
+                    vector += &group.vector;
                 }
                 partial[t] = Some(matrix);
+                spoken[t] = said;
             }
         }
         (Evidence { complete, partial, vectors, constants }, spoken)
+    }
+
+    /// What a frame with missing markers says: its L, what changes about its c, and what its bones say.
+    fn tell(
+        &self,
+        t: usize,
+        complete: &DMatrix<f64>,
+        each: &[DMatrix<f64>],
+        constants_of: &[f64],
+    ) -> (DMatrix<f64>, f64, Vec<BoneEvidence>) {
+        let (problem, model) = (self.problem, &self.model);
+        let missing: Vec<usize> = problem.missing[problem.missing_in(t)].iter().map(|&(_, i)| i).collect();
+        // sum what is there or take away what is not, whichever is shorter and so more exact
+        let mut matrix = if 2 * missing.len() > problem.markers() {
+            let mut sum = DMatrix::zeros(model.hidden(), model.hidden());
+            for i in (0..problem.markers()).filter(|&i| problem.observed(t, i)) {
+                sum += &each[i];
+            }
+            sum
+        } else {
+            let mut rest = complete.clone();
+            for &i in &missing {
+                rest -= &each[i];
+            }
+            rest
+        };
+        let mut constant = -missing.iter().map(|&i| constants_of[i]).sum::<f64>();
+        let mut spoken = Vec::new();
+        let seen = problem.markers() - missing.len();
+        if self.rounds >= ROUNDS_WITHOUT_BONES && seen >= LEAST_SEEN && !self.bones.is_empty() {
+            let place = self.place(t);
+            for group in bones::groups(&missing, &self.bones, &self.incidence) {
+                let system = bones::linearise(&group, &self.bones, &place, &self.centre);
+                let anchor: Vec<f64> = group.markers.iter().flat_map(|&i| place[3 * i..3 * i + 3].iter().copied()).collect();
+                if let Some(said) = bones::integrate(&group, system, model, self.damping[t], &anchor) {
+                    matrix += &said.matrix;
+                    constant += said.constant;
+                    spoken.push(said);
+                }
+            }
+        }
+        (matrix, constant, spoken)
     }
 
     /// Replaces the expectations of the missing samples and sums up what is still open about them.
@@ -237,54 +381,70 @@ impl<'a> Lds<'a> {
     fn expect(&mut self, smoothed: &kalman::Smoothed, expected: &DMatrix<f64>, spoken: &[Vec<BoneEvidence>]) -> (em::Open, Vec<f64>) {
         let problem = self.problem;
         let (markers, hidden) = (problem.markers(), self.model.hidden());
-        let mut cross = DMatrix::zeros(3 * markers, hidden);
-        let mut trace = vec![0.0; markers];
-        let mut variances = vec![0.0; problem.missing.len()];
-        let mut spread_sums: Vec<Option<DMatrix<f64>>> = vec![None; markers];
-        for t in 0..problem.frames() {
-            let range = problem.missing_in(t);
-            if range.is_empty() {
-                continue;
+        let incomplete: Vec<usize> = (0..problem.frames()).filter(|&t| !problem.missing_in(t).is_empty()).collect();
+        let blocks: Vec<Block> = incomplete.par_chunks(BLOCK).map(|frames| self.expect_block(frames, smoothed, expected, spoken)).collect();
+        let mut open = em::Open { cross: DMatrix::zeros(3 * markers, hidden), trace: vec![0.0; markers] };
+        let mut variances = vec![f64::NAN; problem.missing.len()];
+        let mut sums: Vec<DMatrix<f64>> = vec![DMatrix::zeros(hidden, hidden); markers];
+        for block in blocks {
+            for (k, place, variance) in block.samples {
+                let (t, i) = problem.missing[k];
+                self.filled.view_mut((3 * i, t), (3, 1)).copy_from_slice(&place);
+                variances[k] = variance;
+                open.trace[i] += variance;
             }
+            for (i, cross) in block.cross {
+                let mut rows = open.cross.rows_mut(3 * i, 3);
+                rows += cross;
+            }
+            for (i, sum) in block.covariances {
+                sums[i] += sum;
+            }
+        }
+        for (i, sum) in sums.iter().enumerate() {
+            open.cross.rows_mut(3 * i, 3).gemm(1.0, &self.model.emission.rows(3 * i, 3), sum, 1.0);
+        }
+        (open, variances)
+    }
+
+    /// The share of some frames in [`Lds::expect`].
+    fn expect_block(&self, frames: &[usize], smoothed: &kalman::Smoothed, expected: &DMatrix<f64>, spoken: &[Vec<BoneEvidence>]) -> Block {
+        let problem = self.problem;
+        let mut block = Block::default();
+        for &t in frames {
+            let range = problem.missing_in(t);
             let covariance = &smoothed.covariances[t];
-            let mut told = vec![false; range.len()];
             let missing = &problem.missing[range.clone()];
+            let mut told = vec![false; range.len()];
             for said in &spoken[t] {
                 let carried = &said.gain * covariance; // A V̂
                 let place = &said.gain * smoothed.means.column(t) + &said.offset;
-                for (slot, &i) in said.markers.iter().enumerate() {
-                    let rows = (3 * slot, 3);
-                    let open = carried.rows(rows.0, rows.1).dot(&said.gain.rows(rows.0, rows.1)) + said.rest[slot];
-                    let mut block = cross.rows_mut(3 * i, 3);
-                    block += carried.rows(rows.0, rows.1);
-                    trace[i] += open;
-                    self.filled.view_mut((3 * i, t), (3, 1)).copy_from(&place.rows(rows.0, rows.1));
+                for (slot, &i) in said.group.markers.iter().enumerate() {
+                    let rows = carried.rows(3 * slot, 3);
+                    let variance = rows.dot(&said.gain.rows(3 * slot, 3)) + said.rest[slot];
+                    match block.cross.get_mut(&i) {
+                        Some(sum) => *sum += rows,
+                        None => drop(block.cross.insert(i, rows.into_owned())),
+                    }
                     if let Ok(k) = missing.binary_search(&(t, i)) {
                         told[k] = true;
-                        variances[range.start + k] = open;
+                        let place = std::array::from_fn(|axis| place[3 * slot + axis]);
+                        block.samples.push((range.start + k, place, variance));
                     }
                 }
             }
             for (k, &(_, i)) in missing.iter().enumerate().filter(|&(k, _)| !told[k]) {
-                self.filled.view_mut((3 * i, t), (3, 1)).copy_from(&expected.view((3 * i, t), (3, 1)));
                 let emission = self.model.emission.rows(3 * i, 3);
-                let open = (emission * covariance).dot(&emission) + 3.0 * self.model.marker_noise[i];
-                trace[i] += open;
-                variances[range.start + k] = open;
-                match &mut spread_sums[i] {
+                let variance = (emission * covariance).dot(&emission) + 3.0 * self.model.marker_noise[i];
+                let place = std::array::from_fn(|axis| expected[(3 * i + axis, t)]);
+                block.samples.push((range.start + k, place, variance));
+                match block.covariances.get_mut(&i) {
                     Some(sum) => *sum += covariance,
-                    empty => *empty = Some(covariance.clone()),
+                    None => drop(block.covariances.insert(i, covariance.clone())),
                 }
             }
         }
-        for (i, sum) in spread_sums.iter().enumerate() {
-            if let Some(sum) = sum {
-                let block = self.model.emission.rows(3 * i, 3) * sum;
-                let mut rows = cross.rows_mut(3 * i, 3);
-                rows += block;
-            }
-        }
-        (em::Open { cross, trace }, variances)
+        block
     }
 
     /// The bone step of the imputing EM: each frame's missing markers from E[z], the noise and the bones (Eq. 11).
@@ -305,14 +465,7 @@ impl<'a> Lds<'a> {
             }
             for group in bones::groups(&missing, &self.bones, &self.incidence) {
                 let mut column: Vec<f64> = self.filled.column(t).iter().copied().collect();
-                bones::settle(
-                    &group,
-                    &self.bones,
-                    &mut column,
-                    &self.centre,
-                    expected.column(t).as_slice(),
-                    &self.model.marker_noise,
-                );
+                bones::settle(&group, &self.bones, &mut column, &self.centre, expected.column(t).as_slice(), &self.model.marker_noise);
                 self.filled.column_mut(t).copy_from_slice(&column);
             }
         }
@@ -331,6 +484,17 @@ impl<'a> Lds<'a> {
         }
         (sum / count.max(1) as f64).sqrt() * 1000.0
     }
+}
+
+/// What some frames add to the M-step and the estimate.
+#[derive(Default)]
+struct Block {
+    /// Index of a missing sample, its expectation (centred, m), its variance (trace, m²).
+    samples: Vec<(usize, [f64; 3], f64)>,
+    /// Σ Cov[x, z] of markers that bones speak about, 3 × H.
+    cross: BTreeMap<usize, DMatrix<f64>>,
+    /// Σ Cov[z] over the frames in which a marker is missing and no bone speaks, H × H.
+    covariances: BTreeMap<usize, DMatrix<f64>>,
 }
 
 /// The start: components of the complete frames if there are enough of them, else of the linearly interpolated table.
@@ -391,7 +555,15 @@ impl Solver for Lds<'_> {
         let rms_residual_mm = self.residual_mm(&expected);
         let samples = self.problem.missing.len();
         let (open, variances) = if self.options.e_step == EStep::Exact {
-            self.expect(&smoothed, &expected, &spoken)
+            let open = self.expect(&smoothed, &expected, &spoken);
+            if self.rounds < ROUNDS_WITHOUT_BONES {
+                for (anchor, &(t, i)) in self.anchors.iter_mut().zip(&self.problem.missing) {
+                    *anchor = std::array::from_fn(|axis| self.filled[(3 * i + axis, t)]);
+                }
+            } else {
+                self.judge(&spoken);
+            }
+            open
         } else {
             let none = em::Open {
                 cross: DMatrix::zeros(3 * self.problem.markers(), self.model.hidden()),
@@ -399,6 +571,7 @@ impl Solver for Lds<'_> {
             };
             (none, vec![f64::NAN; samples])
         };
+        self.rounds += 1;
         em::maximise(&mut self.model, &smoothed, &self.filled, &open)?;
         let mut variances = variances;
         if self.options.e_step == EStep::Imputing {
@@ -409,14 +582,18 @@ impl Solver for Lds<'_> {
                 variances[k] = (emission * &smoothed.covariances[t]).dot(&emission) + 3.0 * self.model.marker_noise[i];
             }
         }
-        let mut largest_move_mm = 0.0f64;
-        for (k, &variance) in variances.iter().enumerate() {
-            largest_move_mm = largest_move_mm.max(self.publish(k, variance));
+        let corrections = self.corrections(&expected);
+        let (mut largest_move_mm, mut squares) = (0.0f64, 0.0);
+        for (k, (&variance, correction)) in variances.iter().zip(corrections).enumerate() {
+            let moved = self.publish(k, correction, variance);
+            largest_move_mm = largest_move_mm.max(moved);
+            squares += moved * moved;
         }
         Ok(Progress {
             log_likelihood: Some(smoothed.log_likelihood),
             rms_residual_mm: Some(rms_residual_mm),
             largest_move_mm,
+            rms_move_mm: (squares / samples.max(1) as f64).sqrt(),
             done: samples == 0,
         })
     }

@@ -106,7 +106,8 @@ fn components(table: &DMatrix<f64>, count: usize) -> DMatrix<f64> {
     let m = table.nrows();
     let wide = (count + 8).min(m);
     // a fixed, well spread start: same bytes on every machine
-    let mut basis = DMatrix::from_fn(m, wide, |r, c| (((r * 7919 + c * 104_729 + 13) % 1009) as f64 / 1009.0 - 0.5) + if r == c { 1.0 } else { 0.0 });
+    let mut basis =
+        DMatrix::from_fn(m, wide, |r, c| (((r * 7919 + c * 104_729 + 13) % 1009) as f64 / 1009.0 - 0.5) + if r == c { 1.0 } else { 0.0 });
     for _ in 0..12 {
         basis = basis.qr().q();
         let seen = table.tr_mul(&basis);

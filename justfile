@@ -1,0 +1,26 @@
+# What one types here. `just` lists it.
+
+_default:
+    @just --list
+
+# Everything that must hold before a change is accepted; exactly what .ci/run does
+check:
+    .ci/run
+
+# Put right what can be put right by itself
+fix:
+    cargo clippy --workspace --all-targets --fix --allow-dirty --allow-staged
+    cargo fmt --all
+
+# All tests
+test:
+    cargo test --workspace
+
+# Make the demonstration take in demo/ and repair it
+demo:
+    cargo run --release -- demo -o demo --force
+    cargo run --release -- demo/walk-gaps.c3d -o demo/walk.c3d --force
+
+# Write the fixtures and their table anew from the code that makes them
+fixtures:
+    cargo test --test fixtures -- --bless

@@ -1,0 +1,17 @@
+//! What only a process can show: exit codes, what is printed where, and which files are there afterwards.
+//!
+//! - `repairing`: the main job, and the demonstration take
+//! - `options`: what each option changes in the files
+//! - `refusals`: what is refused, in which words, and that nothing is left behind
+//! - `interruptions`: runs that are killed
+//! - `readme`: the commands of the README
+//!
+//! How good the filled samples are is measured elsewhere, on the library.
+#![allow(clippy::unwrap_used)] // A test program: it fails by panicking.
+
+mod interruptions;
+mod lab;
+mod options;
+mod readme;
+mod refusals;
+mod repairing;

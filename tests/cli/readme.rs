@@ -1,0 +1,115 @@
+//! The commands of the README are run as they stand there, one after the other, and print what the README says they print.
+
+use crate::lab::{Lab, PROGRAM};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+/// A line of the README that is to be typed.
+struct Typed {
+    line: usize,
+    commands: Vec<String>,
+    /// What the README shows under it; empty if nothing.
+    output: String,
+}
+
+/// Takes the commands from the blocks marked `sh` (each line is one) and `console` (those after `$ `; the rest is output).
+/// A `\` at the end of a line joins the next one, and ` # ` begins a comment.
+fn typed(markdown: &str) -> Vec<Typed> {
+    let mut found: Vec<Typed> = Vec::new();
+    let mut block: Option<&str> = None;
+    let mut joined = String::new();
+    for (at, line) in markdown.lines().enumerate() {
+        if let Some(fence) = line.trim_start().strip_prefix("```") {
+            block = if block.is_some() { None } else { Some(fence.trim()) };
+            continue;
+        }
+        let command = match block {
+            Some("sh") if !line.trim().is_empty() && !line.starts_with('#') => Some(line),
+            Some("console") if !joined.is_empty() => Some(line),
+            Some("console") => line.strip_prefix("$ "),
+            _ => None,
+        };
+        if let Some(command) = command {
+            if let Some(start) = command.strip_suffix('\\') {
+                joined.push_str(start);
+                continue;
+            }
+            let whole = std::mem::take(&mut joined) + command;
+            let whole = whole.split(" # ").next().unwrap_or_default();
+            found.push(Typed { line: at + 1, commands: whole.split("&&").map(|c| c.trim().to_owned()).collect(), output: String::new() });
+        } else if let (Some("console"), Some(last)) = (block, found.last_mut()) {
+            last.output.push_str(line);
+            last.output.push('\n');
+        }
+    }
+    found
+}
+
+/// The command as it can be run here: without building once more. `None` for commands that are not ours.
+fn ours(command: &str) -> Option<String> {
+    let rest = command.strip_prefix("cargo run --release -- ").or_else(|| command.strip_prefix("mocap-repair "))?;
+    Some(format!("\"$PROGRAM\" {rest}"))
+}
+
+/// True if `shown` is `printed`, where a line `...` stands for any lines.
+fn shows(shown: &str, printed: &str) -> bool {
+    fn fits(shown: &[&str], printed: &[&str]) -> bool {
+        match shown.split_first() {
+            None => printed.is_empty(),
+            Some((&"...", rest)) => (0..=printed.len()).any(|from| fits(rest, &printed[from..])),
+            Some((line, rest)) => printed.first() == Some(line) && fits(rest, &printed[1..]),
+        }
+    }
+    let [shown, printed] = [shown, printed].map(|text| text.trim_end().lines().map(str::trim_end).collect::<Vec<_>>());
+    fits(&shown, &printed)
+}
+
+#[test]
+fn every_command_of_the_readme_works() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md");
+    let readme = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let lab = Lab::empty();
+    let mut ran = 0;
+    for typed in typed(&readme) {
+        let mut printed = String::new();
+        let last = typed.commands.len() - 1;
+        for (at, command) in typed.commands.iter().enumerate() {
+            let Some(shell) = ours(command) else { continue };
+            let mut run = Command::new("sh");
+            run.args(["-c", &shell]).env("PROGRAM", PROGRAM).current_dir(lab.folder()).stdin(Stdio::null());
+            let output = run.output().unwrap();
+            let told = String::from_utf8_lossy(&output.stderr);
+            let code = output.status.code();
+            assert!(code == Some(0) || at == last && code == Some(3), "README.md:{}: {command}: {code:?}\n{told}", typed.line);
+            printed.push_str(&String::from_utf8(output.stdout).unwrap());
+            ran += 1;
+        }
+        let known = typed.output.trim().is_empty() || printed.is_empty() || shows(&typed.output, &printed);
+        assert!(known, "README.md:{}: shows\n{}\nbut it prints\n{printed}", typed.line, typed.output);
+    }
+    assert!(ran >= 2, "README.md has {ran} commands of ours in blocks marked sh or console");
+}
+
+#[test]
+fn commands_are_found_in_both_kinds_of_blocks() {
+    let found = typed(
+        "text\n```sh\ncargo run --release -- demo -o d && cargo test\n# comment\na \\\n  b # why\n```\n```console\n$ c d\nout\n$ e\n```\n```json\n$ no\n```\n",
+    );
+    let seen: Vec<(Vec<&str>, &str)> = found.iter().map(|t| (t.commands.iter().map(String::as_str).collect(), t.output.as_str())).collect();
+    assert_eq!(
+        seen,
+        [(vec!["cargo run --release -- demo -o d", "cargo test"], ""), (vec!["a   b"], ""), (vec!["c d"], "out\n"), (vec!["e"], "")]
+    );
+    assert_eq!(ours("cargo run --release -- demo").as_deref(), Some("\"$PROGRAM\" demo"));
+    assert_eq!(ours("cargo test --workspace"), None);
+    for (shown, printed, same) in [
+        ("a\nb\n", "a\nb\n", true),
+        ("a\n", "a\nb\n", false),
+        ("a\n...\nc\n", "a\nb\nc\n", true),
+        ("a\n...\n", "a\nb\nc\n", true),
+        ("b\n...\n", "a\nb\n", false),
+        ("a\n...\nb\n", "a\nc\n", false),
+    ] {
+        assert_eq!(shows(shown, printed), same, "{shown:?} {printed:?}");
+    }
+}
