@@ -1,7 +1,9 @@
-//! Makes `docs/gap.svg`: `cargo run --example gap_picture > docs/gap.svg`.
+//! Makes `docs/gap.svg`: `cargo run --release --example gap_picture > docs/gap.svg`.
 
-use formats::Take;
 use mocap_repair::demo::{DemoOptions, demo, picture::gap_svg};
+use mocap_repair::repair::STILL_MM;
+use mocap_repair::solve::{Limits, Method, Problem, Settings, run};
+use mocap_repair::{bones, fills, gaps};
 use std::io::Write as _;
 
 /// The picture shows its longest gap: a foot comes down, stands, and leaves the floor again.
@@ -12,24 +14,14 @@ fn main() -> std::io::Result<()> {
     let Some(marker) = made.gaps.markers.iter().position(|marker| marker.label == MARKER) else {
         return Err(std::io::Error::other(format!("the demonstration take has no marker {MARKER}")));
     };
-    let after = straight(&made.gaps);
-    let svg = gap_svg(&made.truth, &made.gaps, &after, &|_| None, marker);
-    std::io::stdout().write_all(svg.as_bytes())
-}
-
-/// Fills every gap with a straight line between its ends.
-fn straight(take: &Take) -> Take {
-    let mut filled = take.clone();
-    for marker in 0..take.markers.len() {
-        let seen: Vec<(usize, [f64; 3])> =
-            (0..take.frames()).filter_map(|frame| take.position_mm(frame, marker).map(|position| (frame, position))).collect();
-        for pair in seen.windows(2) {
-            let [(start, from), (end, to)] = [pair[0], pair[1]];
-            for frame in start + 1..end {
-                let x = (frame - start) as f64 / (end - start) as f64;
-                filled.fill(frame, marker, std::array::from_fn(|axis| from[axis] + x * (to[axis] - from[axis])));
-            }
-        }
-    }
-    filled
+    // the default method, as the command runs it
+    let everybody = vec![true; made.gaps.markers.len()];
+    let problem = Problem::new(&made.gaps, &everybody, &bones::find(&made.gaps, &everybody));
+    let mut solver = Method::BoleroSc.solver(&problem, &Settings::default());
+    run(solver.as_mut(), &problem, 0, &Limits { steps: 100, tolerance: 1e-4, still_mm: STILL_MM, interrupt: None }, &mut ());
+    let found = gaps::gaps(&made.gaps);
+    let mut after = made.gaps.clone();
+    let samples = fills::fill(&mut after, &problem, solver.estimate(), &found, &mut vec![Ok(()); found.len()]);
+    let sigma = |frame: usize| samples.iter().find(|s| s.frame == frame && s.marker == marker).map(|s| s.sigma_mm);
+    std::io::stdout().write_all(gap_svg(&made.truth, &made.gaps, &after, &sigma, marker).as_bytes())
 }

@@ -146,6 +146,17 @@ pub enum BonesError {
         /// What the take has.
         known: String,
     },
+    /// A bone from a marker to itself, or stated again.
+    #[error("the bone {a} - {b} is stated twice or joins a marker to itself; delete it")]
+    Twice {
+        /// One end.
+        a: String,
+        /// The other.
+        b: String,
+    },
+    /// There is nothing in the file.
+    #[error("no bone was found, expected lines of: marker,marker[,length in mm]; leave --bones out to have them found")]
+    Empty,
     /// A bone without a stated length whose ends are hardly ever seen together.
     #[error("{a} and {b} are seen together in fewer than {LEAST_FRAMES} frames, so the length must be stated (third column, mm)")]
     Unmeasurable {
@@ -164,8 +175,10 @@ pub fn parse(text: &[u8]) -> Result<Vec<StatedBone>, BonesError> {
     let mut reader = csv::ReaderBuilder::new().has_headers(false).flexible(true).comment(Some(b'#')).trim(csv::Trim::All).from_reader(text);
     let mut bones = Vec::new();
     for (at, record) in reader.records().enumerate() {
-        let record = record
-            .map_err(|e| BonesError::Row { line: e.position().map_or(at as u64 + 1, csv::Position::line), problem: e.to_string() })?;
+        let record = record.map_err(|e| BonesError::Row {
+            line: e.position().map_or(at as u64 + 1, csv::Position::line),
+            problem: "not text in CSV form, expected: marker,marker[,length in mm]".to_owned(),
+        })?;
         let line = record.position().map_or(at as u64 + 1, csv::Position::line);
         let cells: Vec<&str> = record.iter().collect();
         if at == 0 && cells.first().is_some_and(|c| c.eq_ignore_ascii_case("marker") || c.eq_ignore_ascii_case("marker_a")) {
@@ -198,10 +211,17 @@ pub fn resolve(stated: &[StatedBone], take: &Take) -> Result<Vec<Bone>, BonesErr
             known: (0..take.markers.len()).map(|m| take.display_label(m)).collect::<Vec<_>>().join(", "),
         })
     };
+    if stated.is_empty() {
+        return Err(BonesError::Empty);
+    }
+    let mut seen = BTreeSet::new();
     stated
         .iter()
         .map(|bone| {
             let (a, b) = (column(&bone.a)?, column(&bone.b)?);
+            if a == b || !seen.insert((a.min(b), a.max(b))) {
+                return Err(BonesError::Twice { a: bone.a.clone(), b: bone.b.clone() });
+            }
             let measured = measure(take, a, b);
             let (length_mm, spread_mm) = match (bone.length_mm, measured) {
                 (Some(length), measured) => (length, measured.map_or(STATED_SPREAD_MM, |(_, spread)| spread)),
@@ -276,11 +296,16 @@ mod tests {
         for (text, message) in [
             (&b"A\n"[..], "line 1: 1 cells found, expected: marker,marker[,length in mm]"),
             (b"A,B,long\n", "line 1: \"long\" is not a length in mm"),
+            (b"A,B\n\xff\xfe,C\n", "line 2: not text in CSV form, expected: marker,marker[,length in mm]"),
         ] {
             assert_eq!(parse(text).unwrap_err().to_string(), message);
         }
         let unknown = resolve(&parse(b"A,Z\n").unwrap(), &t).unwrap_err().to_string();
         assert_eq!(unknown, "marker \"Z\" is not in the take; it has s:A, s:B, s:C, s:D");
+        for text in [&b"A,A\n"[..], b"A,B\nB,A\n"] {
+            assert!(resolve(&parse(text).unwrap(), &t).unwrap_err().to_string().contains("twice or joins a marker to itself"));
+        }
+        assert!(resolve(&[], &t).unwrap_err().to_string().contains("no bone was found"));
         assert!(resolve(&parse(b"A,D\n").unwrap(), &t).unwrap_err().to_string().contains("must be stated"));
     }
 }

@@ -64,7 +64,7 @@ enum Command {
         #[arg(long, default_value_t = DemoOptions::default().frames as u32, value_parser = clap::value_parser!(u32).range(60..=200_000))]
         frames: u32,
         /// Frames per second
-        #[arg(long, value_name = "HZ", default_value_t = DemoOptions::default().rate_hz, value_parser = positive)]
+        #[arg(long, value_name = "HZ", default_value_t = DemoOptions::default().rate_hz, value_parser = rate)]
         rate: f64,
         /// Another seed makes another walk
         #[arg(long, default_value_t = DemoOptions::default().seed)]
@@ -78,7 +78,7 @@ enum Command {
 #[derive(Debug, Args)]
 struct StatedArgs {
     /// Frame rate, if the file does not say it or says it wrong
-    #[arg(long, value_name = "HZ", value_parser = positive)]
+    #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
     rate: Option<f64>,
     /// Unit of length, if the file does not say it or says it wrong
     #[arg(long, value_enum)]
@@ -107,8 +107,8 @@ impl StatedArgs {
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
 struct RepairArgs {
     /// The take to repair; it is never written
-    #[arg(value_name = "IN", required = true)]
-    input: Option<PathBuf>,
+    #[arg(value_name = "IN", required = true, num_args = 1..)]
+    inputs: Vec<PathBuf>,
     /// The repaired take; its extension may name another format
     #[arg(short, long, value_name = "OUT", required_unless_present_any = ["in_place", "dry_run"])]
     output: Option<PathBuf>,
@@ -183,13 +183,25 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// Frame rates from one frame in a quarter of an hour to a million a second: anything else is a slip of the finger.
+fn rate(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if (1e-3..=1e6).contains(&x) => Ok(x),
+        _ => Err("expected a number of frames per second, from 0.001 to 1000000".to_owned()),
+    }
+}
+
 fn method(text: &str) -> Result<Method, String> {
     Method::parse(text).ok_or_else(|| format!("expected one of: {}", Method::ALL.map(Method::name).join(", ")))
 }
 
 impl RepairArgs {
     fn request(&self) -> Request {
-        let input = self.input.clone().unwrap_or_default();
+        let mut input = self.inputs.first().cloned().unwrap_or_default();
+        if self.in_place {
+            // behind a link it is the file that is replaced, not the link
+            input = input.canonicalize().unwrap_or(input);
+        }
         let output = self.output.clone().unwrap_or_else(|| input.clone());
         let log = if self.no_log || self.dry_run { None } else { Some(self.log.clone().unwrap_or_else(|| output.with_extension("mcap"))) };
         Request {
@@ -236,6 +248,11 @@ pub fn main(interrupt: &AtomicBool) -> u8 {
 }
 
 fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
+    if args.inputs.len() > 1 {
+        let text = format!("{} takes were named; repair one at a time, each with its own -o", args.inputs.len());
+        let _ = Cli::command().error(ErrorKind::TooManyValues, text).print();
+        return 2;
+    }
     let request = args.request();
     let mut terminal = (std::io::stderr().is_terminal() && !args.quiet && !args.json).then(|| Terminal::new(&request.input));
     let result = repair(&request, &mut terminal, interrupt);

@@ -406,6 +406,13 @@ fn output_format(output: &Path, input: &'static dyn Format) -> (&'static dyn For
 /// Nothing that exists is overwritten unasked, and no two names mean one file.
 fn check_names(request: &Request) -> Result<(), RepairError> {
     let stop = |path: &Path, problem: &str| Err(RepairError::Io { path: path.to_owned(), problem: problem.to_owned() });
+    if !request.in_place
+        && let Some(extension) = request.output.extension().and_then(|e| e.to_str())
+        && formats::by_extension(extension).is_none()
+    {
+        let known = formats::ALL.iter().flat_map(|f| f.info().extensions).map(|e| format!(".{e}")).collect::<Vec<_>>().join(", ");
+        return stop(&request.output, &format!("the extension .{extension} names no format that can be written; use one of: {known}"));
+    }
     if !request.in_place && staging::same_file(&request.input, &request.output) {
         return stop(&request.output, "is the input itself; give another name, or say --in-place");
     }

@@ -303,11 +303,11 @@ impl Report {
         line(
             "take",
             format!(
-                "{} frames at {} Hz ({seconds:.1} s), {} markers, {} bones {how}",
-                self.frames,
+                "{} at {} Hz ({seconds:.1} s), {}, {} {how}",
+                count(self.frames, "frame"),
                 short(self.rate_hz),
-                self.markers,
-                self.bones
+                count(self.markers, "marker"),
+                count(self.bones, "bone")
             ),
         );
         let missing = self.missing_samples();
@@ -315,10 +315,10 @@ impl Report {
             None => line("gaps", "none".to_owned()),
             Some(longest) => {
                 let share = 100.0 * missing as f64 / (self.frames * self.markers).max(1) as f64;
-                line("gaps", format!("{} with {missing} samples ({share:.1} %)", self.gaps.len()));
+                line("gaps", format!("{} with {} ({share:.1} %)", self.gaps.len(), count(missing, "sample")));
                 line(
                     "longest",
-                    format!("{} frames: {}, {} to {}", longest.frames, longest.marker, longest.first_frame, longest.last_frame),
+                    format!("{}: {}, {} to {}", count(longest.frames, "frame"), longest.marker, longest.first_frame, longest.last_frame),
                 );
             }
         }
@@ -333,7 +333,7 @@ impl Report {
                 })
                 .collect();
             let by = if stages.is_empty() { String::new() } else { format!(" by {}", stages.join(", ")) };
-            line("filled", format!("{filled} gaps with {} samples{by}", self.samples.len()));
+            line("filled", format!("{} with {}{by}", count(filled, "gap"), count(self.samples.len(), "sample")));
             let mut sigmas: Vec<f64> = self.samples.iter().map(|s| s.sigma_mm).filter(|s| s.is_finite()).collect();
             sigmas.sort_by(f64::total_cmp);
             if let (Some(worst), Some(median)) = (sigmas.last(), sigmas.get(sigmas.len() / 2)) {
@@ -361,7 +361,7 @@ impl Report {
         reasons.sort_by_key(|(why, _)| *why);
         for (why, gaps) in reasons {
             let verb = if self.dry_run { "would stay" } else { "left" };
-            line("open", format!("{} gaps {verb} open: {}", gaps.len(), why.reason()));
+            line("open", format!("{} {verb} open: {}", count(gaps.len(), "gap"), why.reason()));
             let mut names: Vec<&str> = gaps.iter().map(|g| g.marker.as_str()).collect();
             names.dedup();
             let more = names.len().saturating_sub(12);
@@ -399,6 +399,11 @@ pub fn lines<T: Serialize>(messages: &[T]) -> String {
         }
     }
     out
+}
+
+/// A number and what it counts: `1 gap`, `2 gaps`.
+pub fn count(number: usize, what: &str) -> String {
+    format!("{number} {what}{}", if number == 1 { "" } else { "s" })
 }
 
 /// A rate without trailing zeros.

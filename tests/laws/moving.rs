@@ -7,7 +7,7 @@
 //! Units are no law: what is small or stiff is decided in millimetres.
 
 use crate::{Hole, WALKERS, cases, hidden, holes, remade, repaired, walk_of};
-use formats::{Marker, Take, TakeBuilder};
+use formats::{Take, TakeBuilder};
 use mocap_repair::solve::{Method, Settings};
 use proptest::prelude::*;
 
@@ -110,11 +110,9 @@ proptest! {
 #[test]
 fn a_take_without_an_up_moves_along_as_well() {
     let take = hidden(&walk_of(&WALKERS, 100, 3), &[Hole { marker: 7, at: 0.4, frames: 20 }, Hole { marker: 2, at: 0.2, frames: 30 }]);
-    let mut other = TakeBuilder::from(take);
-    other = other.up(None);
+    let take = TakeBuilder::from(take).up(None).build();
     let moved = Move { columns: in_order(), angle: 0.0, shift_mm: [25_000.0, -8_000.0, 2_000.0] };
     for method in Method::ALL {
-        moved.check(&other.clone().build(), method, 5, tolerances_mm(method).0);
+        moved.check(&take, method, 5, tolerances_mm(method).0);
     }
-    assert_eq!(other.build().markers[0], Marker::new("C7"));
 }

@@ -35,8 +35,8 @@ fn dense(knots: &[(usize, f64)], time: f64) -> f64 {
         // both ends
         matrix[(row, here)] = 1.0;
         right[row] = knots[k].1;
-        for power in 0..4 {
-            matrix[(row + 1, here + power)] = h.powi(power as i32);
+        for (power, factor) in [1.0, h, h * h, h * h * h].into_iter().enumerate() {
+            matrix[(row + 1, here + power)] = factor;
         }
         right[row + 1] = knots[k + 1].1;
         row += 2;
@@ -60,7 +60,7 @@ fn dense(knots: &[(usize, f64)], time: f64) -> f64 {
     let polynomials = matrix.lu().solve(&right).unwrap();
     let k = (0..spans).rev().find(|&k| knots[k].0 as f64 <= time).unwrap_or(0);
     let u = time - knots[k].0 as f64;
-    (0..4).map(|power| polynomials[4 * k + power] * u.powi(power as i32)).sum()
+    [1.0, u, u * u, u * u * u].iter().zip(polynomials.rows(4 * k, 4).iter()).map(|(power, factor)| power * factor).sum()
 }
 
 #[test]

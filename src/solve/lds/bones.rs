@@ -99,30 +99,45 @@ pub struct Linearised {
 /// What is linearised is the length, `2 d √λ (‖xᵢ - xⱼ‖ - d)`, not its square: both agree to first order where the bone has its length,
 /// but away from there the square overshoots (from half the length to one and a quarter), and rounds of EM then swing to and fro.
 pub fn linearise(group: &Group, bones: &[LocalBone], positions: &[f64], centre: &[f64]) -> Linearised {
+    let stiffness = |bone: &LocalBone| 2.0 * bone.squared_length.sqrt() * bone.weight; // 1 / standard deviation of the length
+    let (jacobian, right) = tangents(group, bones, positions, centre, &|bone, squared| {
+        let length = squared.sqrt();
+        if length < 1e-6 {
+            return (0.0, 0.0); // two markers in one place have no direction; this round the bone says nothing
+        }
+        ((length - bone.squared_length.sqrt()) * stiffness(bone), stiffness(bone) / length)
+    });
+    let log_scale = -group.bones.iter().map(|&k| stiffness(&bones[k]).ln()).sum::<f64>();
+    Linearised { jacobian, right, log_scale }
+}
+
+/// `J x = r` for the missing markers of `group`, where each bone's row is the tangent at `positions` of what `row` says:
+/// given the bone and its squared length there, its residual, and the slope of that along `xᵢ - xⱼ` when `xᵢ` moves.
+fn tangents(
+    group: &Group,
+    bones: &[LocalBone],
+    positions: &[f64],
+    centre: &[f64],
+    row: &dyn Fn(&LocalBone, f64) -> (f64, f64),
+) -> (DMatrix<f64>, DVector<f64>) {
     let at = |marker: usize, axis: usize| positions[3 * marker + axis] + centre[3 * marker + axis];
     let mut jacobian = DMatrix::zeros(group.bones.len(), 3 * group.markers.len());
     let mut right = DVector::zeros(group.bones.len());
-    let mut log_scale = 0.0;
-    for (row, bone) in group.bones.iter().map(|&k| &bones[k]).enumerate() {
+    for (k, bone) in group.bones.iter().map(|&k| &bones[k]).enumerate() {
         let along: [f64; 3] = std::array::from_fn(|axis| at(bone.a, axis) - at(bone.b, axis));
-        let length = along.iter().map(|x| x * x).sum::<f64>().sqrt();
-        let stiffness = 2.0 * bone.squared_length.sqrt() * bone.weight; // 1 / standard deviation of the length
-        log_scale -= stiffness.ln();
-        if length < 1e-6 {
-            continue; // two markers in one place have no direction; this round the bone says nothing
-        }
-        right[row] = -(length - bone.squared_length.sqrt()) * stiffness;
+        let (residual, slope) = row(bone, along.iter().map(|x| x * x).sum());
+        right[k] = -residual;
         for (marker, sign) in [(bone.a, 1.0), (bone.b, -1.0)] {
             if let Ok(slot) = group.markers.binary_search(&marker) {
                 for (axis, step) in along.iter().enumerate() {
-                    let slope = sign * step / length * stiffness;
-                    jacobian[(row, 3 * slot + axis)] = slope;
-                    right[row] += slope * positions[3 * marker + axis];
+                    let slope = sign * slope * step;
+                    jacobian[(k, 3 * slot + axis)] = slope;
+                    right[k] += slope * positions[3 * marker + axis];
                 }
             }
         }
     }
-    Linearised { jacobian, right, log_scale }
+    (jacobian, right)
 }
 
 /// What the bones of a group say, once the markers are integrated out.
@@ -238,10 +253,12 @@ pub fn integrate(group: &Group, system: Linearised, model: &Model, damping: f64,
 pub fn settle(group: &Group, bones: &[LocalBone], positions: &mut [f64], centre: &[f64], expected: &[f64], marker_noise: &[f64]) {
     let mut value = penalty(group, bones, positions, centre, expected, marker_noise);
     for _ in 0..20 {
-        let system = linearise(group, bones, positions, centre);
+        // here the squares themselves: steps towards the least of something else would not end at the least of f
+        let (jacobian, right) =
+            tangents(group, bones, positions, centre, &|bone, squared| ((squared - bone.squared_length) * bone.weight, 2.0 * bone.weight));
         let unknowns = 3 * group.markers.len();
-        let mut normal = system.jacobian.tr_mul(&system.jacobian);
-        let mut right = system.jacobian.tr_mul(&system.right);
+        let mut normal = jacobian.tr_mul(&jacobian);
+        let mut right = jacobian.tr_mul(&right);
         for k in 0..unknowns {
             let (marker, axis) = (group.markers[k / 3], k % 3);
             normal[(k, k)] += 1.0 / marker_noise[marker];
