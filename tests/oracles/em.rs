@@ -10,7 +10,7 @@ use crate::near;
 use mocap_repair::solve::lds::em::{Open, maximise};
 use mocap_repair::solve::lds::kalman::{Smoothed, smooth};
 use mocap_repair::solve::lds::model::Model;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// What the E-step hands to the M-step.
 struct Moments {
@@ -38,8 +38,8 @@ impl Moments {
         Self { smoothed, filled, open }
     }
 
-    /// Expected log-density of states and markers under `model`, up to a constant; -∞ if a covariance is not one.
-    fn expected(&self, model: &Model) -> f64 {
+    /// Expected log-density of states and markers under `model` with the constant term `offset`, up to a constant; -∞ if a covariance is not one.
+    fn expected(&self, model: &Model, offset: &DVector<f64>) -> f64 {
         let Smoothed { means, covariances, lagged, .. } = &self.smoothed;
         let frames = means.ncols();
         let second = |t: usize| &covariances[t] + means.column(t) * means.column(t).transpose();
@@ -56,15 +56,21 @@ impl Moments {
         let squares = next - f * step.transpose() - &step * f.transpose() + f * past * f.transpose();
         sum += gaussian(&model.state_noise, frames - 1, &squares);
         let states = (0..frames).map(second).sum::<DMatrix<f64>>();
-        let cross = &self.filled * means.transpose() + &self.open.cross;
+        let filled = less(&self.filled, offset);
+        let cross = &filled * means.transpose() + &self.open.cross;
         for (i, noise) in model.marker_noise.iter().enumerate() {
             let g = model.emission.rows(3 * i, 3);
             let squares =
-                self.filled.rows(3 * i, 3).norm_squared() + self.open.trace[i] - 2.0 * g.dot(&cross.rows(3 * i, 3)) + (g * &states).dot(&g);
+                filled.rows(3 * i, 3).norm_squared() + self.open.trace[i] - 2.0 * g.dot(&cross.rows(3 * i, 3)) + (g * &states).dot(&g);
             sum -= 0.5 * ((3 * frames) as f64 * noise.ln() + squares / noise);
         }
         sum
     }
+}
+
+/// The table with `offset` taken from every frame.
+fn less(table: &DMatrix<f64>, offset: &DVector<f64>) -> DMatrix<f64> {
+    DMatrix::from_fn(table.nrows(), table.ncols(), |r, c| table[(r, c)] - offset[r])
 }
 
 /// A table drawn at random, without the samples that chance hides.
@@ -80,15 +86,16 @@ fn table(chance: &mut Chance, markers: usize, frames: usize, missing: f64) -> Ta
     table
 }
 
-/// The model moved by `step` in some direction within each of its six parameters in turn, and the name of that parameter.
+/// The model and its constant term moved by `step` in some direction within each of their seven parameters in turn, and the name of that parameter.
 /// Covariances stay symmetric.
-fn moved(model: &Model, chance: &mut Chance, step: f64) -> Vec<(&'static str, Model)> {
+fn moved(model: &Model, offset: &DVector<f64>, chance: &mut Chance, step: f64) -> Vec<(&'static str, Model, DVector<f64>)> {
     let (hidden, markers) = (model.hidden(), model.marker_noise.len());
     let symmetric = |chance: &mut Chance| {
         let any = chance.normals(hidden, hidden);
         (&any + any.transpose()) * 0.5
     };
-    let mut out: Vec<(&'static str, Model)> = ["F", "G", "Λ", "noise", "μ₀", "Γ"].into_iter().map(|name| (name, model.clone())).collect();
+    let mut out: Vec<(&'static str, Model, DVector<f64>)> =
+        ["F", "G", "Λ", "noise", "μ₀", "Γ", "d"].into_iter().map(|name| (name, model.clone(), offset.clone())).collect();
     out[0].1.transition += chance.normals(hidden, hidden) * step;
     out[1].1.emission += chance.normals(3 * markers, hidden) * step;
     out[2].1.state_noise += symmetric(chance) * step;
@@ -97,6 +104,7 @@ fn moved(model: &Model, chance: &mut Chance, step: f64) -> Vec<(&'static str, Mo
     }
     out[4].1.initial_mean += chance.normal_vector(hidden) * step;
     out[5].1.initial_covariance += symmetric(chance) * step;
+    out[6].2 += chance.normal_vector(3 * markers) * step;
     out
 }
 
@@ -112,20 +120,20 @@ fn no_small_change_of_a_parameter_beats_the_m_step() {
         let before = chance.model(hidden, markers);
         let moments = Moments::new(&before, &table(&mut chance, markers, frames, missing));
         let mut found = before.clone();
-        maximise(&mut found, &moments.smoothed, &moments.filled, &moments.open).unwrap();
-        let best = moments.expected(&found);
-        assert!(best > moments.expected(&before), "case {seed}: the M-step gains nothing");
+        let offset = maximise(&mut found, &moments.smoothed, &moments.filled, &moments.open).unwrap();
+        let best = moments.expected(&found, &offset);
+        assert!(best > moments.expected(&before, &DVector::zeros(3 * markers)), "case {seed}: the M-step gains nothing");
         for _ in 0..60 {
             for step in [1e-1, 1e-2, 1e-3] {
-                for (parameter, other) in moved(&found, &mut chance, step) {
-                    let value = moments.expected(&other);
+                for (parameter, other, offset) in moved(&found, &offset, &mut chance, step) {
+                    let value = moments.expected(&other, &offset);
                     assert!(value < best, "case {seed}: another {parameter}, {step} away, has {value}, the M-step {best}");
                     tried += 1;
                 }
             }
         }
     }
-    assert_eq!(tried, CASES.len() * 60 * 3 * 6);
+    assert_eq!(tried, CASES.len() * 60 * 3 * 7);
 }
 
 #[test]
@@ -135,15 +143,18 @@ fn what_the_m_step_climbs_has_the_slope_of_the_likelihood() {
         let model = chance.model(hidden, markers);
         let table = table(&mut chance, markers, frames, missing);
         let moments = Moments::new(&model, &table);
-        let (at, values) = seen(&model, &table);
-        let likelihood = |model: &Model| Gaussian::system(model, frames).given(&at, &values).1;
+        let likelihood = |model: &Model, offset: &DVector<f64>| {
+            let (at, values) = seen(model, &less(&table, offset));
+            Gaussian::system(model, frames).given(&at, &values).1
+        };
+        let none = DVector::zeros(3 * markers);
         let step = 1e-5;
         // the same directions, there and back
-        let there = moved(&model, &mut Chance::new(seed), step);
-        let back = moved(&model, &mut Chance::new(seed), -step);
-        for ((parameter, there), (_, back)) in there.iter().zip(&back) {
-            let slope = |f: &dyn Fn(&Model) -> f64| (f(there) - f(back)) / (2.0 * step);
-            near(&format!("case {seed}, {parameter}"), slope(&|m| moments.expected(m)), slope(&likelihood), 1e-6);
+        let there = moved(&model, &none, &mut Chance::new(seed), step);
+        let back = moved(&model, &none, &mut Chance::new(seed), -step);
+        for ((parameter, there, ahead), (_, back, behind)) in there.iter().zip(&back) {
+            let slope = |f: &dyn Fn(&Model, &DVector<f64>) -> f64| (f(there, ahead) - f(back, behind)) / (2.0 * step);
+            near(&format!("case {seed}, {parameter}"), slope(&|m, d| moments.expected(m, d)), slope(&likelihood), 1e-6);
         }
     }
 }

@@ -70,6 +70,18 @@ impl Local {
         Self { table, centre, body }
     }
 
+    /// Measures from where the solver does after its M-step.
+    fn recentre(&mut self, centre: &[f64], problem: &Problem, anchors: &mut [[f64; 3]]) {
+        for (k, (old, new)) in self.centre.iter_mut().zip(centre).enumerate() {
+            let shift = new - *old;
+            self.table.row_mut(k).add_scalar_mut(-shift);
+            for (anchor, _) in anchors.iter_mut().zip(&problem.missing).filter(|(_, (_, i))| *i == k / 3) {
+                anchor[k % 3] -= shift;
+            }
+            *old = *new;
+        }
+    }
+
     /// Where an entry of the table is in the world, mm.
     fn world_mm(&self, frame: usize, marker: usize, place: [f64; 3]) -> [f64; 3] {
         self.body.to_world(frame, std::array::from_fn(|axis| 1000.0 * (place[axis] + self.centre[3 * marker + axis])))
@@ -157,7 +169,7 @@ fn two_rounds(seed: u64, markers: usize, frames: usize, share: f64, bones: &[Bon
     let take = scatter(&swing(&mut chance, markers, frames), &mut chance, share);
     let problem = Problem::new(&take, &vec![true; markers], bones);
     assert!(!problem.missing.is_empty());
-    let local = Local::new(&problem);
+    let mut local = Local::new(&problem);
     let penalty = if bones.is_empty() { Penalty::None } else { Penalty::Spread };
     let mut solver = Lds::new(&problem, Options { hidden: 3, penalty, e_step: EStep::Exact });
     let mut anchors = vec![[0.0; 3]; problem.missing.len()];
@@ -181,6 +193,7 @@ fn two_rounds(seed: u64, markers: usize, frames: usize, share: f64, bones: &[Bon
             assert!((own / sigma_mm - 1.0).abs() < 1e-6, "{case}: sigma of marker {i} in frame {t} is {own}, should be {sigma_mm}");
             anchors[k] = place;
         }
+        local.recentre(solver.centre(), &problem, &mut anchors);
         counts = (dense.heard, dense.unheard);
     }
     counts

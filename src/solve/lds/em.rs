@@ -7,7 +7,7 @@
 use super::kalman::Smoothed;
 use super::model::{LEAST_MARKER_NOISE, Model};
 use crate::solve::SolveError;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 /// What is still open about the missing samples of each marker, summed over its missing frames.
 #[derive(Clone, Debug)]
@@ -18,12 +18,14 @@ pub struct Open {
     pub trace: Vec<f64>,
 }
 
-/// New parameters from the moments.
+/// New parameters from the moments, and the constant term `d` of `x = G z + d` that belongs to them (m).
+/// The caller takes `d` out of the table, so that the model goes on without one. Eq. 3 has none: the paper centres complete data.
+/// With missing data the mean of what was seen is not the centre, and a marker hidden in one phase of a movement would be pulled towards the others.
 /// `filled` (m × T) holds the observed entries and the expectations of the missing ones.
 ///
 /// # Errors
 /// The states do not span the hidden space, which takes numbers that are not finite.
-pub fn maximise(model: &mut Model, smoothed: &Smoothed, filled: &DMatrix<f64>, open: &Open) -> Result<(), SolveError> {
+pub fn maximise(model: &mut Model, smoothed: &Smoothed, filled: &DMatrix<f64>, open: &Open) -> Result<DVector<f64>, SolveError> {
     let (hidden, frames) = smoothed.means.shape();
     let broken = |what: &str| SolveError::Numerical(format!("{what} is not positive definite"));
     let mut moments = DMatrix::zeros(hidden, hidden); // Σ E[z zᵀ] over all frames
@@ -56,19 +58,25 @@ pub fn maximise(model: &mut Model, smoothed: &Smoothed, filled: &DMatrix<f64>, o
     // emission
     let mut cross = open.cross.clone(); // Σ E[x zᵀ], m × H
     cross.gemm(1.0, filled, &smoothed.means.transpose(), 1.0);
+    // the regression of x on (z, 1), with the column of ones taken out: moments about the means
+    let state_mean = smoothed.means.column_sum() / frames as f64;
+    let column_mean = filled.column_sum() / frames as f64;
+    moments.gemm(-(frames as f64), &state_mean, &state_mean.transpose(), 1.0);
+    cross.gemm(-(frames as f64), &column_mean, &state_mean.transpose(), 1.0);
     let factor = ridged(&moments, 1e-12).cholesky().ok_or_else(|| broken("the moment matrix of the states"))?;
     let emission = factor.solve(&cross.transpose()).transpose(); // Eq. 35
+    let offset = &column_mean - &emission * &state_mean;
     let carried = &emission * &moments;
     for (i, noise) in model.marker_noise.iter_mut().enumerate() {
         let rows = 3 * i..3 * i + 3;
-        let mut sum = open.trace[i] + filled.rows(3 * i, 3).norm_squared();
+        let mut sum = open.trace[i] + filled.rows(3 * i, 3).norm_squared() - frames as f64 * column_mean.rows(3 * i, 3).norm_squared();
         for k in rows {
             sum += emission.row(k).dot(&carried.row(k)) - 2.0 * emission.row(k).dot(&cross.row(k));
         }
         *noise = (sum / (3 * frames) as f64).max(LEAST_MARKER_NOISE); // Eq. 36, its diagonal, shared by the marker's three coordinates
     }
     model.emission = emission;
-    Ok(())
+    Ok(offset)
 }
 
 /// The matrix with a ridge relative to its mean diagonal.

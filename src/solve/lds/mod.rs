@@ -18,7 +18,7 @@ use super::{Estimate, Problem, Progress, SolveError, Solver};
 use bones::{BoneEvidence, LocalBone};
 use kalman::Evidence;
 use model::Model;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -74,7 +74,7 @@ pub struct Lds<'a> {
     problem: &'a Problem,
     options: Options,
     frames: BodyFrames,
-    /// Mean of what was seen of each column, m.
+    /// Where each column is measured from, m: at first the mean of what was seen of it, then what the M-step learns.
     centre: Vec<f64>,
     /// Observed entries, 0 where missing; m × T.
     observed: DMatrix<f64>,
@@ -185,6 +185,11 @@ impl<'a> Lds<'a> {
     /// The parameters as they are now.
     pub fn model(&self) -> &Model {
         &self.model
+    }
+
+    /// What positions are measured from now, per column of the problem's coordinates (3 × markers), m.
+    pub fn centre(&self) -> &[f64] {
+        &self.centre
     }
 
     /// What is added to each missing sample so that it joins what was observed, m; see `join.rs`.
@@ -471,6 +476,27 @@ impl<'a> Lds<'a> {
         }
     }
 
+    /// Moves the centre of each column by what the M-step found, so that the model needs no constant term.
+    fn recentre(&mut self, offset: &DVector<f64>) {
+        let problem = self.problem;
+        for (centre, offset) in self.centre.iter_mut().zip(offset) {
+            *centre += offset;
+        }
+        for t in 0..problem.frames() {
+            let mut column = self.filled.column_mut(t);
+            column -= offset;
+            let mut column = self.observed.column_mut(t);
+            column -= offset;
+            for k in problem.missing_in(t) {
+                let i = problem.missing[k].1;
+                column.rows_mut(3 * i, 3).fill(0.0);
+                for (axis, anchor) in self.anchors[k].iter_mut().enumerate() {
+                    *anchor -= offset[3 * i + axis];
+                }
+            }
+        }
+    }
+
     /// Root mean square 3-D distance between the observed samples and the model, mm.
     fn residual_mm(&self, expected: &DMatrix<f64>) -> f64 {
         let (mut sum, mut count) = (0.0, 0usize);
@@ -572,9 +598,10 @@ impl Solver for Lds<'_> {
             (none, vec![f64::NAN; samples])
         };
         self.rounds += 1;
-        em::maximise(&mut self.model, &smoothed, &self.filled, &open)?;
+        let offset = em::maximise(&mut self.model, &smoothed, &self.filled, &open)?;
         let mut variances = variances;
         if self.options.e_step == EStep::Imputing {
+            self.recentre(&offset);
             expected = &self.model.emission * &smoothed.means;
             self.impute(&expected);
             for (k, &(t, i)) in self.problem.missing.iter().enumerate() {
@@ -588,6 +615,9 @@ impl Solver for Lds<'_> {
             let moved = self.publish(k, correction, variance);
             largest_move_mm = largest_move_mm.max(moved);
             squares += moved * moved;
+        }
+        if self.options.e_step == EStep::Exact {
+            self.recentre(&offset); // what was published belongs to the old centre
         }
         Ok(Progress {
             log_likelihood: Some(smoothed.log_likelihood),
