@@ -200,7 +200,9 @@ impl RepairArgs {
         let mut input = self.inputs.first().cloned().unwrap_or_default();
         if self.in_place {
             // behind a link it is the file that is replaced, not the link
-            input = input.canonicalize().unwrap_or(input);
+            if input.is_symlink() {
+                input = input.canonicalize().unwrap_or(input);
+            }
         }
         let output = self.output.clone().unwrap_or_else(|| input.clone());
         let log = if self.no_log || self.dry_run { None } else { Some(self.log.clone().unwrap_or_else(|| output.with_extension("mcap"))) };

@@ -110,7 +110,7 @@ struct Example {
 }
 
 const EXAMPLES: [Example; 2] = [
-    Example { take: "127_07", hidden: ["RKNE", "RSHN"], frames: 24..90, bound_mm: 24.0 },
+    Example { take: "127_07", hidden: ["RKNE", "RSHN"], frames: 24..90, bound_mm: 28.0 },
     Example { take: "132_43", hidden: ["RELB", "RFRM"], frames: 99..500, bound_mm: 25.0 },
 ];
 

@@ -165,8 +165,9 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<(Rows, Layout), Form
     let columns = table.markers.len();
     let mut samples = vec![[f64::NAN; 3]; frames * columns];
     let mut given = vec![false; frames * columns];
+    let cell_of = |row: &Row| index(row).saturating_mul(columns).saturating_add(row.marker as usize);
     for (row, sample) in rows.iter().zip(&table.samples) {
-        let cell = index(row).saturating_mul(columns).saturating_add(row.marker as usize);
+        let cell = cell_of(row);
         let (Some(slot), Some(given)) = (samples.get_mut(cell), given.get_mut(cell)) else { continue };
         if *given {
             return Err(twice(&rows, row, &table.markers));
@@ -174,6 +175,7 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<(Rows, Layout), Form
         *given = true;
         *slot = *sample;
     }
+    table.partial = table.partial.iter().filter_map(|&(row, given)| Some((cell_of(rows.get(row)?), given))).collect();
     table.samples = samples;
     for blank in &mut table.blanks {
         if let Some(row) = rows.get(blank.frame as usize) {

@@ -393,3 +393,16 @@ fn broken_files_do_not_break_the_reader() {
     }
     assert!(opened > 3000, "{opened}");
 }
+
+#[test]
+fn what_is_given_of_a_partial_sample_stays_in_both_flavours() {
+    for text in ["A-x,A-y,A-z,B-x,B-y,B-z\n1,2,3,4,5,6\n1,2,3,,7,\n", "frame,marker,x,y,z\n1,A,1,2,3\n1,B,4,5,6\n2,A,1,2,3\n2,B,,7,\n"] {
+        let document = Csv.open(text.as_bytes().to_vec(), &STATED, &Notes::new()).unwrap();
+        let mut take = document.take().clone();
+        assert_eq!((take.origin(1, 1), take.origin(1, 0)), (Origin::Missing, Origin::Measured), "{text}");
+        assert!(take.fill(1, 1, [40.0, 50.0, 60.0]));
+        assert_eq!(take.position_mm(1, 1).map(|p| p[1]), Some(7.0 * take.unit.mm()), "{text}");
+        let again = Csv.open(save(document.as_ref(), &take), &STATED, &Notes::new()).unwrap();
+        assert_eq!(again.take().position_mm(1, 1), take.position_mm(1, 1), "{text}");
+    }
+}

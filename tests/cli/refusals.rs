@@ -24,8 +24,8 @@ fn wrong_command_lines_end_with_2() {
         (&["walk-gaps.c3d"], "--output <OUT>"),
         (&["-o", "out.c3d"], "<IN>"),
         (&["walk-gaps.c3d", "-o", "out.c3d", "--method", "magic"], "expected one of: linear, spline, lds, bolero-sc"),
-        (&["walk-gaps.c3d", "-o", "out.c3d", "--rate", "0"], "expected a number above 0"),
-        (&["walk-gaps.c3d", "-o", "out.c3d", "--rate", "fast"], "expected a number above 0"),
+        (&["walk-gaps.c3d", "-o", "out.c3d", "--rate", "0"], "expected a number of frames per second, from 0.001 to 1000000"),
+        (&["walk-gaps.c3d", "-o", "out.c3d", "--rate", "fast"], "expected a number of frames per second"),
         (&["walk-gaps.c3d", "-o", "out.c3d", "--lambda", "inf"], "expected a number above 0"),
         (&["walk-gaps.c3d", "-o", "out.c3d", "--hidden", "0"], "--hidden"),
         (&["walk-gaps.c3d", "-o", "out.c3d", "--iterations", "0"], "--iterations"),
@@ -181,4 +181,17 @@ fn a_failure_while_writing_leaves_nothing() {
     let line = refused(&lab, &["far.csv", "-o", "out.c3d", "--fills", "fills.csv", "--method", "linear"]);
     assert_eq!(line, "out.c3d: c3d: C7 in frame 1 is too far away for 32-bit floats");
     lab.run(&["far.csv", "-o", "out.csv", "--method", "linear"]).with_code(0);
+}
+
+#[test]
+fn names_that_cannot_be_meant_are_refused() {
+    let lab = Lab::new();
+    let before = lab.listing();
+    let ran = lab.run(&["walk-gaps.c3d", "-o", "walk.trc"]);
+    assert_eq!(ran.code, 1);
+    assert!(ran.err.contains("walk.trc: the extension .trc names no format that can be written; use one of: .c3d, .csv"), "{}", ran.err);
+    let ran = lab.run(&["walk-gaps.c3d", "walk-truth.c3d", "-o", "walk.c3d"]);
+    assert_eq!(ran.code, 2);
+    assert!(ran.err.contains("2 takes were named; repair one at a time, each with its own -o"), "{}", ran.err);
+    assert!(lab.new_since(&before).is_empty());
 }

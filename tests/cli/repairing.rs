@@ -178,8 +178,8 @@ fn what_was_assumed_or_left_open_ends_with_3() {
     let without_times: String = csv.lines().map(|row| row.split(',').skip(2).collect::<Vec<_>>().join(",") + "\n").collect();
     lab.write("norate.csv", without_times);
     for (arguments, told) in [
-        (&["edge.c3d"][..], "1 gaps left open: reaches the first or last frame (fill it with --extrapolate)\n             LKNE\n"),
-        (&["never.c3d"], "1 gaps left open: the marker never appears"),
+        (&["edge.c3d"][..], "1 gap left open: reaches the first or last frame (fill it with --extrapolate)\n             LKNE\n"),
+        (&["never.c3d"], "1 gap left open: the marker never appears"),
         (&["walk-gaps.c3d", "--max-gap", "20"], "left open: longer than --max-gap"),
         (&["walk-gaps.c3d", "--markers", "LKNE"], "left open: not among --markers"),
         (&["nounit.csv"], "look at    the file names no unit, mm assumed (say it with --units)"),

@@ -7,6 +7,7 @@
 //! `a sinh((n - k)/τ)/sinh(n/τ) + b sinh(k/τ)/sinh(n/τ)` after k frames: a bridge that decays in long gaps and is a straight line in short ones.
 //! τ is measured for each marker, where it was seen.
 
+use super::{EStep, Lds};
 use crate::solve::Problem;
 use nalgebra::DMatrix;
 
@@ -67,6 +68,39 @@ pub fn bridge(k: f64, n: f64, correlation: f64) -> (f64, f64) {
         (x - n).exp() * (-2.0 * x).exp_m1() / (-2.0 * n).exp_m1()
     };
     (share(n - k), share(k))
+}
+
+impl Lds<'_> {
+    /// What is added to each missing sample so that it joins what was observed, m.
+    /// The plain model (DynaMMo) and the paper's E-step stay as they are printed.
+    pub(super) fn corrections(&self, expected: &DMatrix<f64>) -> Vec<[f64; 3]> {
+        let problem = self.problem;
+        if self.bones.is_empty() || self.options.e_step == EStep::Imputing {
+            return vec![[0.0; 3]; problem.missing.len()];
+        }
+        let mut residual = &self.observed - expected;
+        for &(t, i) in &problem.missing {
+            residual.view_mut((3 * i, t), (3, 1)).fill(0.0);
+        }
+        let correlations = correlation_frames(problem, &residual);
+        problem
+            .missing
+            .iter()
+            .zip(&self.edges)
+            .map(|(&(t, i), edges)| {
+                let at = |frame: usize, axis: usize| residual[(3 * i + axis, frame)];
+                std::array::from_fn(|axis| match *edges {
+                    (Some(a), Some(b)) => {
+                        let (share_a, share_b) = bridge((t - a) as f64, (b - a) as f64, correlations[i]);
+                        share_a * at(a, axis) + share_b * at(b, axis)
+                    }
+                    (Some(a), None) => at(a, axis) * (-((t - a) as f64) / correlations[i]).exp(),
+                    (None, Some(b)) => at(b, axis) * (-((b - t) as f64) / correlations[i]).exp(),
+                    (None, None) => 0.0,
+                })
+            })
+            .collect()
+    }
 }
 
 #[cfg(test)]

@@ -9,9 +9,11 @@
 
 pub mod bones;
 pub mod em;
+mod expect;
 pub mod join;
 pub mod kalman;
 pub mod model;
+mod start;
 
 use super::body::BodyFrames;
 use super::{Estimate, Problem, Progress, SolveError, Solver};
@@ -20,7 +22,6 @@ use kalman::Evidence;
 use model::Model;
 use nalgebra::{DMatrix, DVector};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
 
 /// How the missing entries enter the E-step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,9 +66,6 @@ const ROUNDS_WITHOUT_BONES: u32 = 1;
 /// In frames that show fewer markers than this bones say nothing.
 /// They would tie missing markers to missing markers only, around a place that nobody saw, and outvote the dynamics that carry the body through.
 const LEAST_SEEN: usize = 4;
-
-/// Frames are summed up in blocks of this many, so that sums do not depend on the number of cores.
-const BLOCK: usize = 64;
 
 /// The EM solver.
 pub struct Lds<'a> {
@@ -133,7 +131,7 @@ impl<'a> Lds<'a> {
             }
         }
         let hidden = options.hidden.min(3 * markers).min(frames.max(1)).max(1);
-        let (model, states) = start(problem, &observed, hidden);
+        let (model, states) = start::start(problem, &observed, hidden);
         let mut filled = observed.clone();
         let expected = &model.emission * states;
         for &(t, i) in &problem.missing {
@@ -190,37 +188,6 @@ impl<'a> Lds<'a> {
     /// What positions are measured from now, per column of the problem's coordinates (3 × markers), m.
     pub fn centre(&self) -> &[f64] {
         &self.centre
-    }
-
-    /// What is added to each missing sample so that it joins what was observed, m; see `join.rs`.
-    /// The plain model (DynaMMo) and the paper's E-step stay as they are printed.
-    fn corrections(&self, expected: &DMatrix<f64>) -> Vec<[f64; 3]> {
-        let problem = self.problem;
-        if self.bones.is_empty() || self.options.e_step == EStep::Imputing {
-            return vec![[0.0; 3]; problem.missing.len()];
-        }
-        let mut residual = &self.observed - expected;
-        for &(t, i) in &problem.missing {
-            residual.view_mut((3 * i, t), (3, 1)).fill(0.0);
-        }
-        let correlations = join::correlation_frames(problem, &residual);
-        problem
-            .missing
-            .iter()
-            .zip(&self.edges)
-            .map(|(&(t, i), edges)| {
-                let at = |frame: usize, axis: usize| residual[(3 * i + axis, frame)];
-                std::array::from_fn(|axis| match *edges {
-                    (Some(a), Some(b)) => {
-                        let (share_a, share_b) = join::bridge((t - a) as f64, (b - a) as f64, correlations[i]);
-                        share_a * at(a, axis) + share_b * at(b, axis)
-                    }
-                    (Some(a), None) => at(a, axis) * (-((t - a) as f64) / correlations[i]).exp(),
-                    (None, Some(b)) => at(b, axis) * (-((b - t) as f64) / correlations[i]).exp(),
-                    (None, None) => 0.0,
-                })
-            })
-            .collect()
     }
 
     /// Copies the present position of a missing sample, with its correction, into the estimate; returns how far it moved, mm.
@@ -381,77 +348,6 @@ impl<'a> Lds<'a> {
         (matrix, constant, spoken)
     }
 
-    /// Replaces the expectations of the missing samples and sums up what is still open about them.
-    /// Returns it with the variance of each sample (trace, m²).
-    fn expect(&mut self, smoothed: &kalman::Smoothed, expected: &DMatrix<f64>, spoken: &[Vec<BoneEvidence>]) -> (em::Open, Vec<f64>) {
-        let problem = self.problem;
-        let (markers, hidden) = (problem.markers(), self.model.hidden());
-        let incomplete: Vec<usize> = (0..problem.frames()).filter(|&t| !problem.missing_in(t).is_empty()).collect();
-        let blocks: Vec<Block> = incomplete.par_chunks(BLOCK).map(|frames| self.expect_block(frames, smoothed, expected, spoken)).collect();
-        let mut open = em::Open { cross: DMatrix::zeros(3 * markers, hidden), trace: vec![0.0; markers] };
-        let mut variances = vec![f64::NAN; problem.missing.len()];
-        let mut sums: Vec<DMatrix<f64>> = vec![DMatrix::zeros(hidden, hidden); markers];
-        for block in blocks {
-            for (k, place, variance) in block.samples {
-                let (t, i) = problem.missing[k];
-                self.filled.view_mut((3 * i, t), (3, 1)).copy_from_slice(&place);
-                variances[k] = variance;
-                open.trace[i] += variance;
-            }
-            for (i, cross) in block.cross {
-                let mut rows = open.cross.rows_mut(3 * i, 3);
-                rows += cross;
-            }
-            for (i, sum) in block.covariances {
-                sums[i] += sum;
-            }
-        }
-        for (i, sum) in sums.iter().enumerate() {
-            open.cross.rows_mut(3 * i, 3).gemm(1.0, &self.model.emission.rows(3 * i, 3), sum, 1.0);
-        }
-        (open, variances)
-    }
-
-    /// The share of some frames in [`Lds::expect`].
-    fn expect_block(&self, frames: &[usize], smoothed: &kalman::Smoothed, expected: &DMatrix<f64>, spoken: &[Vec<BoneEvidence>]) -> Block {
-        let problem = self.problem;
-        let mut block = Block::default();
-        for &t in frames {
-            let range = problem.missing_in(t);
-            let covariance = &smoothed.covariances[t];
-            let missing = &problem.missing[range.clone()];
-            let mut told = vec![false; range.len()];
-            for said in &spoken[t] {
-                let carried = &said.gain * covariance; // A V̂
-                let place = &said.gain * smoothed.means.column(t) + &said.offset;
-                for (slot, &i) in said.group.markers.iter().enumerate() {
-                    let rows = carried.rows(3 * slot, 3);
-                    let variance = rows.dot(&said.gain.rows(3 * slot, 3)) + said.rest[slot];
-                    match block.cross.get_mut(&i) {
-                        Some(sum) => *sum += rows,
-                        None => drop(block.cross.insert(i, rows.into_owned())),
-                    }
-                    if let Ok(k) = missing.binary_search(&(t, i)) {
-                        told[k] = true;
-                        let place = std::array::from_fn(|axis| place[3 * slot + axis]);
-                        block.samples.push((range.start + k, place, variance));
-                    }
-                }
-            }
-            for (k, &(_, i)) in missing.iter().enumerate().filter(|&(k, _)| !told[k]) {
-                let emission = self.model.emission.rows(3 * i, 3);
-                let variance = (emission * covariance).dot(&emission) + 3.0 * self.model.marker_noise[i];
-                let place = std::array::from_fn(|axis| expected[(3 * i + axis, t)]);
-                block.samples.push((range.start + k, place, variance));
-                match block.covariances.get_mut(&i) {
-                    Some(sum) => *sum += covariance,
-                    None => drop(block.covariances.insert(i, covariance.clone())),
-                }
-            }
-        }
-        block
-    }
-
     /// The bone step of the imputing EM: each frame's missing markers from E[z], the noise and the bones (Eq. 11).
     fn impute(&mut self, expected: &DMatrix<f64>) {
         let problem = self.problem;
@@ -510,62 +406,6 @@ impl<'a> Lds<'a> {
         }
         (sum / count.max(1) as f64).sqrt() * 1000.0
     }
-}
-
-/// What some frames add to the M-step and the estimate.
-#[derive(Default)]
-struct Block {
-    /// Index of a missing sample, its expectation (centred, m), its variance (trace, m²).
-    samples: Vec<(usize, [f64; 3], f64)>,
-    /// Σ Cov[x, z] of markers that bones speak about, 3 × H.
-    cross: BTreeMap<usize, DMatrix<f64>>,
-    /// Σ Cov[z] over the frames in which a marker is missing and no bone speaks, H × H.
-    covariances: BTreeMap<usize, DMatrix<f64>>,
-}
-
-/// The start: components of the complete frames if there are enough of them, else of the linearly interpolated table.
-fn start(problem: &Problem, observed: &DMatrix<f64>, hidden: usize) -> (Model, DMatrix<f64>) {
-    let frames = problem.frames();
-    let complete = (0..frames).filter(|&t| problem.missing_in(t).is_empty()).count();
-    let whole = if complete > 4 * hidden {
-        observed.select_columns(&(0..frames).filter(|&t| problem.missing_in(t).is_empty()).collect::<Vec<_>>())
-    } else {
-        interpolated(problem, observed)
-    };
-    Model::from_components(&whole, observed, &|t, i| problem.observed(t, i), hidden)
-}
-
-/// The table with its holes interpolated linearly and held at the ends; a start, never a result.
-fn interpolated(problem: &Problem, observed: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut table = observed.clone();
-    let mut last: Vec<Option<usize>> = vec![None; problem.markers()];
-    for t in 0..problem.frames() {
-        for (i, last) in last.iter_mut().enumerate() {
-            if !problem.observed(t, i) {
-                continue;
-            }
-            let from = last.map_or(0, |l| l + 1);
-            for k in 3 * i..3 * i + 3 {
-                for gap in from..t {
-                    table[(k, gap)] = last.map_or(observed[(k, t)], |l| {
-                        let share = (gap - l) as f64 / (t - l) as f64;
-                        observed[(k, l)] * (1.0 - share) + observed[(k, t)] * share
-                    });
-                }
-            }
-            *last = Some(t);
-        }
-    }
-    for (i, last) in last.iter().enumerate() {
-        if let Some(l) = *last {
-            for k in 3 * i..3 * i + 3 {
-                for gap in l + 1..problem.frames() {
-                    table[(k, gap)] = observed[(k, l)];
-                }
-            }
-        }
-    }
-    table
 }
 
 impl Solver for Lds<'_> {
