@@ -344,8 +344,3 @@ fn fail(error: &RepairError, json: bool) {
 fn print(text: &str) {
     let _ = std::io::stdout().lock().write_all(text.as_bytes());
 }
-
-/// The command for shells' completions and the manual.
-pub fn command() -> clap::Command {
-    Cli::command()
-}

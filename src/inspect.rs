@@ -123,11 +123,6 @@ impl Inspection {
         }
     }
 
-    /// True if the file needs a person's look: something was assumed.
-    pub fn matters(&self) -> bool {
-        self.notes.iter().any(|n| n.matters)
-    }
-
     /// As one JSON line.
     pub fn json(&self) -> String {
         lines(std::slice::from_ref(self))

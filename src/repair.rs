@@ -349,7 +349,7 @@ fn write_out(request: &Request, opened: &Opened, repaired: &Take, log: Option<Mc
         // whoever may not read the original may not read the repaired take either
         let same = std::fs::metadata(&request.input).and_then(|input| file.as_file().set_permissions(input.permissions()));
         same.map_err(|e| unwritable(output, &e))?;
-        keep_original(request).and_then(|kept| placed.add(&kept, Ok(())))?;
+        keep_original(request, &opened.sha256).and_then(|kept| placed.add(&kept, Ok(())))?;
     }
     staging::publish(file, output).map_err(|e| unwritable(output, &e))?;
     placed.0.clear();
@@ -376,14 +376,20 @@ impl Drop for Placed {
     }
 }
 
-/// Copies the input to `<name>.orig`, whole or not at all.
-fn keep_original(request: &Request) -> Result<PathBuf, RepairError> {
+/// Copies the input to `<name>.orig`, whole or not at all, and only if it still is what was read.
+fn keep_original(request: &Request, sha256: &str) -> Result<PathBuf, RepairError> {
     let kept = original_name(&request.input);
     let copied = staging::beside(&kept).and_then(|file| {
         std::fs::copy(&request.input, file.path())?;
-        staging::publish(file, &kept)
+        file.as_file().sync_all()?;
+        Ok((hex(&Sha256::digest(std::fs::read(file.path())?)), file))
     });
-    copied.map_err(|e| unwritable(&kept, &e))?;
+    let (copied_sha256, file) = copied.map_err(|e| unwritable(&kept, &e))?;
+    if copied_sha256 != sha256 {
+        let problem = "was changed by someone else while it was repaired; nothing was replaced, run it again".to_owned();
+        return Err(RepairError::Io { path: request.input.clone(), problem });
+    }
+    file.persist_noclobber(&kept).map_err(|e| unwritable(&kept, &e.error))?;
     Ok(kept)
 }
 
@@ -438,6 +444,9 @@ fn check_names(request: &Request) -> Result<(), RepairError> {
         }
         if name.is_dir() {
             return stop(name, "is a folder; name a file in it");
+        }
+        if name.exists() && !name.is_file() {
+            return stop(name, "is a device or a pipe, which a file cannot take the place of; give another name");
         }
         if name.exists() && !request.force {
             return stop(name, "exists already; give another name, or say --force to replace it");

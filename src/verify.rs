@@ -4,7 +4,7 @@
 //! Names, frame count and rate must be those of the take; every sample that was known must come back exactly (or, in another format, as near as that format
 //! can say); every filled sample must be there; and nothing else may have appeared.
 
-use formats::{Document, Format, Notes, Origin, Stated, Take};
+use formats::{Document, Format, Notes, Origin, Role, Stated, Take};
 
 /// A promise that the written file does not keep.
 #[derive(Debug, thiserror::Error)]
@@ -28,8 +28,12 @@ fn compare(document: &dyn Document, repaired: &Take, same_format: bool) -> Resul
     if take.frames() != repaired.frames() {
         return broken(format!("{} frames instead of {}", take.frames(), repaired.frames()));
     }
-    if take.markers.len() != repaired.markers.len() {
-        return broken(format!("{} markers instead of {}", take.markers.len(), repaired.markers.len()));
+    // a format without model outputs leaves their columns out, and says so in a note
+    let all: Vec<usize> = (0..repaired.markers.len()).collect();
+    let markers_only = || all.iter().copied().filter(|&m| repaired.markers.get(m).is_some_and(|k| k.role == Role::Marker)).collect();
+    let columns: Vec<usize> = if same_format || take.markers.len() == all.len() { all.clone() } else { markers_only() };
+    if take.markers.len() != columns.len() {
+        return broken(format!("{} markers instead of {}", take.markers.len(), columns.len()));
     }
     if same_format && take.markers != repaired.markers {
         return broken("the labels differ".to_owned());
@@ -40,8 +44,8 @@ fn compare(document: &dyn Document, repaired: &Take, same_format: bool) -> Resul
     }
     let rounding_mm = document.rounding_mm();
     for frame in 0..repaired.frames() {
-        for marker in 0..repaired.markers.len() {
-            let (is, was) = (take.position_mm(frame, marker), repaired.position_mm(frame, marker));
+        for (column, &marker) in columns.iter().enumerate() {
+            let (is, was) = (take.position_mm(frame, column), repaired.position_mm(frame, marker));
             let origin = repaired.origin(frame, marker);
             let exact = same_format && origin.is_known();
             let kept = match (is, was) {

@@ -195,3 +195,15 @@ fn names_that_cannot_be_meant_are_refused() {
     assert!(ran.err.contains("2 takes were named; repair one at a time, each with its own -o"), "{}", ran.err);
     assert!(lab.new_since(&before).is_empty());
 }
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_not_replaced_even_by_force() {
+    let lab = Lab::new();
+    let pipe = lab.path("out.c3d");
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    let ran = lab.run(&["walk-gaps.c3d", "-o", "out.c3d", "--force", "--no-log", "--method", "linear"]);
+    assert_eq!(ran.code, 1);
+    assert!(ran.err.contains("out.c3d: is a device or a pipe, which a file cannot take the place of"), "{}", ran.err);
+    assert!(!std::fs::metadata(&pipe).unwrap().is_file());
+}

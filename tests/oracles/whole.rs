@@ -6,7 +6,7 @@ use crate::near;
 use formats::{Marker, Origin, Take, TakeBuilder};
 use mocap_repair::demo::{DemoOptions, demo, hide, walk};
 use mocap_repair::solve::body::BodyFrames;
-use mocap_repair::solve::lds::bones::{Group, LocalBone, linearise};
+use mocap_repair::solve::lds::bones::{Group, LocalBone, groups, incidence, linearise};
 use mocap_repair::solve::lds::join;
 use mocap_repair::solve::lds::kalman::smooth;
 use mocap_repair::solve::lds::model::Model;
@@ -97,6 +97,11 @@ fn local_bones(bones: &[Bone]) -> Vec<LocalBone> {
     bones.iter().map(local).collect()
 }
 
+/// True if some bone of the group has an end that is not missing.
+fn reaches(group: &Group, bones: &[LocalBone], missing: &[usize]) -> bool {
+    group.bones.iter().any(|&k| !(missing.contains(&bones[k].a) && missing.contains(&bones[k].b)))
+}
+
 /// Everything that a problem says under a model, as one Gaussian over all states, all coordinates and all bones.
 struct Dense {
     posterior: Gaussian,
@@ -121,9 +126,14 @@ impl Dense {
             if own.is_empty() {
                 continue;
             }
-            // the solver does not listen to bones where hardly anything was seen
-            if problem.markers() - missing.len() < 4 {
+            // the solver does not listen to bones of markers that no chain of bones ties to one that was seen
+            let tied = groups(&missing, &own, &incidence(&own, problem.markers()));
+            let heard_bones: Vec<usize> = tied.iter().filter(|g| reaches(g, &own, &missing)).flat_map(|g| g.bones.clone()).collect();
+            if heard_bones.len() < own.len() {
                 unheard += 1;
+            }
+            let own: Vec<LocalBone> = heard_bones.iter().map(|&k| own[k]).collect();
+            if own.is_empty() {
                 continue;
             }
             heard += own.len();
@@ -172,12 +182,12 @@ fn two_rounds(seed: u64, markers: usize, frames: usize, share: f64, bones: &[Bon
     let mut local = Local::new(&problem);
     let penalty = if bones.is_empty() { Penalty::None } else { Penalty::Spread };
     let mut solver = Lds::new(&problem, Options { hidden: 3, penalty, e_step: EStep::Exact });
-    let mut anchors = vec![[0.0; 3]; problem.missing.len()];
+    let mut anchors = solver.anchors().to_vec(); // the start's; afterwards they must be what the round before expected
     let mut counts = (0, 0);
     for round in 0..2 {
         let model = solver.model().clone();
         let progress = solver.step().unwrap();
-        let spoken = if round == 0 { Vec::new() } else { local_bones(bones) };
+        let spoken = local_bones(bones);
         let dense = Dense::new(&model, &problem, &local, &spoken, &|k| anchors[k]);
         let case = format!("{markers} markers, {} missing, {} bones, round {round}", problem.missing.len(), bones.len());
         near(&format!("{case}: log-likelihood"), progress.log_likelihood.unwrap(), dense.log_likelihood, 1e-7);
@@ -195,6 +205,10 @@ fn two_rounds(seed: u64, markers: usize, frames: usize, share: f64, bones: &[Bon
         }
         local.recentre(solver.centre(), &problem, &mut anchors);
         counts = (dense.heard, dense.unheard);
+        // a damped round is another function; that damping leaves the solution alone is shown with single groups
+        if solver.damping().iter().any(|&damping| damping > 0.0) {
+            break;
+        }
     }
     counts
 }
@@ -202,8 +216,10 @@ fn two_rounds(seed: u64, markers: usize, frames: usize, share: f64, bones: &[Bon
 /// What joins each missing sample to the observed ones around it, from its definition: the residuals at both edges, carried into the gap.
 fn bridges(problem: &Problem, local: &Local, expected: &DMatrix<f64>) -> Vec<[f64; 3]> {
     let residual = &local.table - expected;
-    let known = residual.map(|x| if x.is_nan() { 0.0 } else { x });
+    let mut known = residual.map(|x| if x.is_nan() { 0.0 } else { x });
     let correlations = join::correlation_frames(problem, &known);
+    join::clip(problem, &mut known);
+    let residual = known;
     let carried = |&(t, i): &(usize, usize)| {
         let before = (0..t).rev().find(|&s| problem.observed(s, i));
         let after = (t + 1..problem.frames()).find(|&s| problem.observed(s, i));

@@ -39,6 +39,16 @@ pub struct Group {
     pub bones: Vec<usize>,
 }
 
+impl Group {
+    /// True if a bone of the group reaches a marker that was seen.
+    ///
+    /// Otherwise its bones tie missing markers to missing markers only, around a place that nobody saw;
+    /// in black-outs that outvoted the dynamics which carry the body through. Such groups say nothing.
+    pub fn held(&self, bones: &[LocalBone]) -> bool {
+        self.bones.iter().any(|&k| self.markers.binary_search(&bones[k].a).is_err() || self.markers.binary_search(&bones[k].b).is_err())
+    }
+}
+
 /// For every marker, the bones at it.
 pub fn incidence(bones: &[LocalBone], markers: usize) -> Vec<Vec<usize>> {
     let mut at = vec![Vec::new(); markers];

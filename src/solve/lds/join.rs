@@ -60,6 +60,31 @@ pub fn correlation_frames(problem: &Problem, residual: &DMatrix<f64>) -> Vec<f64
         .collect()
 }
 
+/// Shortens residuals that are longer than [`LONGEST`] times the marker's median one.
+/// The samples next to a gap are where a marker was being lost or found again: many of them are ghosts, and a ghost must not be followed.
+pub fn clip(problem: &Problem, residual: &mut DMatrix<f64>) {
+    for i in 0..problem.markers() {
+        let seen = |t: &usize| problem.observed(*t, i);
+        let mut sizes: Vec<f64> = (0..problem.frames()).filter(seen).map(|t| residual.view((3 * i, t), (3, 1)).norm()).collect();
+        if sizes.is_empty() {
+            continue;
+        }
+        let middle = sizes.len() / 2;
+        let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
+        let longest = LONGEST * *median;
+        for t in (0..problem.frames()).filter(seen) {
+            let mut sample = residual.view_mut((3 * i, t), (3, 1));
+            let size = sample.norm();
+            if size > longest {
+                sample *= longest / size;
+            }
+        }
+    }
+}
+
+/// A residual this many times longer than the marker's median is no property of the marker.
+const LONGEST: f64 = 3.0;
+
 /// The shares of the residuals at both edges in what is expected `k` frames after the first edge, `n` frames lying between the edges.
 pub fn bridge(k: f64, n: f64, correlation: f64) -> (f64, f64) {
     // sinh(x) / sinh(n), written with falling exponentials: nothing overflows
@@ -83,6 +108,7 @@ impl Lds<'_> {
             residual.view_mut((3 * i, t), (3, 1)).fill(0.0);
         }
         let correlations = correlation_frames(problem, &residual);
+        clip(problem, &mut residual);
         problem
             .missing
             .iter()
@@ -131,5 +157,20 @@ mod tests {
             let found = bridge(k, n, tau);
             assert!((found.0 - expected.0).abs() < 1e-12 && (found.1 - expected.1).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn a_ghost_is_shortened_and_nothing_else() {
+        use formats::{Marker, Origin, TakeBuilder};
+        let mut take = TakeBuilder::new(vec![Marker::new("A")], 5, 100.0);
+        for t in 0..4 {
+            take.set(t, 0, [0.0; 3], Origin::Measured);
+        }
+        let problem = Problem::new(&take.build(), &[true], &[]);
+        let mut residual =
+            DMatrix::from_column_slice(3, 5, &[1.0, 0.0, 0.0, 0.0, -2.0, 0.0, 0.0, 0.0, 2.0, 30.0, 40.0, 0.0, 0.0, 0.0, 0.0]);
+        clip(&problem, &mut residual);
+        assert_eq!(residual.column(3).norm(), 6.0, "three times the median");
+        assert_eq!((residual.column(0).norm(), residual.column(1).norm()), (1.0, 2.0));
     }
 }

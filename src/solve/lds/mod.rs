@@ -60,13 +60,6 @@ const LEAST_SPREAD_MM: f64 = 1.0;
 /// A missing sample that turns back by more than this swings, m.
 const SWING_M: f64 = 0.001;
 
-/// The first rounds go without bones: in long gaps the start is far off, and bones linearised there would hold it.
-const ROUNDS_WITHOUT_BONES: u32 = 1;
-
-/// In frames that show fewer markers than this bones say nothing.
-/// They would tie missing markers to missing markers only, around a place that nobody saw, and outvote the dynamics that carry the body through.
-const LEAST_SEEN: usize = 4;
-
 /// The EM solver.
 pub struct Lds<'a> {
     problem: &'a Problem,
@@ -91,8 +84,6 @@ pub struct Lds<'a> {
     least_damping: Vec<f64>,
     /// The frames that enclose each missing sample.
     edges: Vec<(Option<usize>, Option<usize>)>,
-    /// Rounds taken.
-    rounds: u32,
     estimate: Estimate,
 }
 
@@ -170,7 +161,6 @@ impl<'a> Lds<'a> {
             damping: vec![0.0; frames],
             least_damping: vec![0.0; frames],
             edges: join::edges(problem),
-            rounds: 0,
             estimate: Estimate::open(problem.missing.len()),
         };
         lds.anchors = problem.missing.iter().map(|&(t, i)| lds.filled_at(t, i)).collect();
@@ -183,6 +173,16 @@ impl<'a> Lds<'a> {
     /// The parameters as they are now.
     pub fn model(&self) -> &Model {
         &self.model
+    }
+
+    /// Where the bones of each missing sample are linearised in the next round, less the centre, m.
+    pub fn anchors(&self) -> &[[f64; 3]] {
+        &self.anchors
+    }
+
+    /// μ of each frame in the next round, 1/m².
+    pub fn damping(&self) -> &[f64] {
+        &self.damping
     }
 
     /// What positions are measured from now, per column of the problem's coordinates (3 × markers), m.
@@ -332,10 +332,9 @@ impl<'a> Lds<'a> {
         };
         let mut constant = -missing.iter().map(|&i| constants_of[i]).sum::<f64>();
         let mut spoken = Vec::new();
-        let seen = problem.markers() - missing.len();
-        if self.rounds >= ROUNDS_WITHOUT_BONES && seen >= LEAST_SEEN && !self.bones.is_empty() {
+        if !self.bones.is_empty() {
             let place = self.place(t);
-            for group in bones::groups(&missing, &self.bones, &self.incidence) {
+            for group in bones::groups(&missing, &self.bones, &self.incidence).into_iter().filter(|g| g.held(&self.bones)) {
                 let system = bones::linearise(&group, &self.bones, &place, &self.centre);
                 let anchor: Vec<f64> = group.markers.iter().flat_map(|&i| place[3 * i..3 * i + 3].iter().copied()).collect();
                 if let Some(said) = bones::integrate(&group, system, model, self.damping[t], &anchor) {
@@ -422,13 +421,7 @@ impl Solver for Lds<'_> {
         let samples = self.problem.missing.len();
         let (open, variances) = if self.options.e_step == EStep::Exact {
             let open = self.expect(&smoothed, &expected, &spoken);
-            if self.rounds < ROUNDS_WITHOUT_BONES {
-                for (anchor, &(t, i)) in self.anchors.iter_mut().zip(&self.problem.missing) {
-                    *anchor = std::array::from_fn(|axis| self.filled[(3 * i + axis, t)]);
-                }
-            } else {
-                self.judge(&spoken);
-            }
+            self.judge(&spoken);
             open
         } else {
             let none = em::Open {
@@ -437,7 +430,6 @@ impl Solver for Lds<'_> {
             };
             (none, vec![f64::NAN; samples])
         };
-        self.rounds += 1;
         let offset = em::maximise(&mut self.model, &smoothed, &self.filled, &open)?;
         let mut variances = variances;
         if self.options.e_step == EStep::Imputing {
