@@ -218,19 +218,27 @@ impl<'a> Lds<'a> {
         place
     }
 
-    /// After an E-step: frames in which the linearisation held move their anchors to the new expectations and lose damping,
-    /// the others keep their anchors and are damped more.
-    fn judge(&mut self, spoken: &[Vec<BoneEvidence>]) {
-        for (t, said) in spoken.iter().enumerate().filter(|(_, said)| !said.is_empty()) {
+    /// What the bones of a frame cost at the anchors, now, and now by the linearisation; and how many they are.
+    fn costs(&self, t: usize, said: &[BoneEvidence]) -> (f64, f64, f64, usize) {
+        let (mut was, mut is, mut promised, mut rows) = (0.0, 0.0, 0.0, 0usize);
+        if !said.is_empty() {
             let before = self.place(t);
             let now: Vec<f64> = self.filled.column(t).iter().copied().collect();
-            let (mut was, mut is, mut promised, mut rows) = (0.0, 0.0, 0.0, 0usize);
             for said in said {
                 was += bones::cost(&said.group, &self.bones, &before, &self.centre);
                 is += bones::cost(&said.group, &self.bones, &now, &self.centre);
                 promised += said.linear_cost(&now);
                 rows += said.group.bones.len();
             }
+        }
+        (was, is, promised, rows)
+    }
+
+    /// After an E-step: frames in which the linearisation held move their anchors to the new expectations and lose damping,
+    /// the others keep their anchors and are damped more.
+    fn judge(&mut self, spoken: &[Vec<BoneEvidence>]) {
+        let costs: Vec<(f64, f64, f64, usize)> = spoken.par_iter().enumerate().map(|(t, said)| self.costs(t, said)).collect();
+        for (t, (was, is, promised, rows)) in costs.into_iter().enumerate().filter(|&(_, (.., rows))| rows > 0) {
             // a sample that turns back on itself is swinging, whatever the bones say
             let mut swings = false;
             for k in self.problem.missing_in(t) {
