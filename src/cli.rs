@@ -6,11 +6,11 @@ use crate::demo::{DemoOptions, write_demo};
 use crate::gaps::Policy;
 use crate::inspect::Inspection;
 use crate::log::Terminal;
-use crate::repair::{RepairError, Request, open, repair};
+use crate::repair::{RepairError, Request, neighbours, open, repair};
 use crate::report::lines;
 use crate::solve::{Method, Settings};
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum, error::ErrorKind};
-use formats::{Role, Stated, Unit};
+use formats::{Stated, Unit};
 use serde::Serialize;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -300,8 +300,7 @@ fn print_bones(path: &Path, stated: &Stated) -> u8 {
     match open(path, stated) {
         Ok(opened) => {
             let take = opened.document.take();
-            let include: Vec<bool> = take.markers.iter().map(|m| m.role == Role::Marker).collect();
-            print(&bones::write(&bones::find(take, &include), take));
+            print(&bones::write(&bones::find(take, &neighbours(take)), take));
             0
         }
         Err(error) => {

@@ -2,10 +2,10 @@
 
 use crate::bones;
 use crate::gaps::gaps;
-use crate::repair::Opened;
+use crate::repair::{Opened, neighbours};
 use crate::report::{lines, short};
 use crate::solve::Gap;
-use formats::{Note, Origin, Role};
+use formats::{Note, Origin};
 use serde::Serialize;
 use std::fmt::Write;
 use std::path::Path;
@@ -66,7 +66,7 @@ impl Inspection {
     /// Looks at an opened file.
     pub fn new(path: &Path, opened: &Opened) -> Self {
         let take = opened.document.take();
-        let include: Vec<bool> = take.markers.iter().map(|m| m.role == Role::Marker).collect();
+        let include = neighbours(take);
         let found = gaps(take);
         let mut markers: Vec<(usize, MarkerLine)> = (0..take.markers.len())
             .filter(|&m| include[m])

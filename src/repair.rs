@@ -219,8 +219,8 @@ fn accept(request: &Request, outcome: &Outcome) -> Result<(), RepairError> {
     }
 }
 
-/// Columns that take part in solving: all markers.
-fn neighbours(take: &Take) -> Vec<bool> {
+/// Columns that take part in solving, and between which bones are looked for: all markers.
+pub fn neighbours(take: &Take) -> Vec<bool> {
     take.markers.iter().map(|m| m.role == Role::Marker).collect()
 }
 
