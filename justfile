@@ -24,3 +24,11 @@ demo:
 # Write the fixtures and their table anew from the code that makes them
 fixtures:
     cargo test --test fixtures -- --bless
+
+# The experiment of the BoLeRO paper into docs/paper.md; the motions are looked for in ../shared or MOCAP_SHARED
+paper:
+    cargo run --release --example paper -- --doc docs/paper.md
+
+# What a round of EM costs beside the two matrix products that it cannot do without, on one core
+bench-em:
+    cargo bench --bench em

@@ -1,7 +1,6 @@
 //! Makes `docs/gap.svg`: `cargo run --release --example gap_picture > docs/gap.svg`.
 
 use mocap_repair::demo::{DemoOptions, demo, picture::gap_svg};
-use mocap_repair::repair::STILL_MM;
 use mocap_repair::solve::{Limits, Method, Problem, Settings, run};
 use mocap_repair::{bones, fills, gaps};
 use std::io::Write as _;
@@ -18,7 +17,7 @@ fn main() -> std::io::Result<()> {
     let everybody = vec![true; made.gaps.markers.len()];
     let problem = Problem::new(&made.gaps, &everybody, &bones::find(&made.gaps, &everybody));
     let mut solver = Method::BoleroSc.solver(&problem, &Settings::default());
-    run(solver.as_mut(), &problem, 0, &Limits { steps: 100, tolerance: 1e-4, still_mm: STILL_MM, interrupt: None }, &mut ());
+    run(solver.as_mut(), &problem, 0, &Limits::default(), &mut ());
     let found = gaps::gaps(&made.gaps);
     let mut after = made.gaps.clone();
     let samples = fills::fill(&mut after, &problem, solver.estimate(), &found, &mut vec![Ok(()); found.len()]);

@@ -8,7 +8,10 @@ use crate::inspect::Inspection;
 use crate::log::Terminal;
 use crate::repair::{RepairError, Request, neighbours, open, repair};
 use crate::report::lines;
-use crate::solve::{Method, Settings};
+use crate::solve::lds::em::Noise;
+use crate::solve::lds::step::BoneStep;
+use crate::solve::lds::{EStep, Hidden, Init, Start};
+use crate::solve::{Limits, Method, Settings};
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use formats::{Stated, Unit};
 use serde::Serialize;
@@ -103,6 +106,31 @@ impl StatedArgs {
     }
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum StartArg {
+    Model,
+    Interpolate,
+    Zero,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum InitArg {
+    Pca,
+    Random,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum NoiseArg {
+    Isotropic,
+    Diagonal,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum StepArg {
+    GaussNewton,
+    Gradient,
+}
+
 #[derive(Debug, Args)]
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
 struct RepairArgs {
@@ -115,21 +143,40 @@ struct RepairArgs {
     /// How to fill
     #[arg(long, value_name = "METHOD", default_value = Method::BoleroSc.name(), value_parser = method)]
     method: Method,
-    /// Dimension of the hidden state
-    #[arg(long, value_name = "H", default_value_t = Settings::default().hidden as u32, value_parser = clap::value_parser!(u32).range(1..=256))]
+    /// Dimension of the hidden state; rank of msvd
+    #[arg(long, value_name = "H", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=256))]
     hidden: u32,
+    /// As many hidden dimensions as hold this share of the motion's energy, for instance 0.95
+    #[arg(long, value_name = "SHARE", conflicts_with = "hidden", value_parser = share)]
+    energy: Option<f64>,
     /// Weight of all bones as in the paper, 1/m^4 [default: each bone by its own spread]
     #[arg(long, value_name = "L", value_parser = positive)]
     lambda: Option<f64>,
     /// The most EM iterations
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(long, value_name = "N", default_value_t = Limits::default().steps, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     iterations: u32,
     /// Stop when the log-likelihood changes by less than this share of itself
-    #[arg(long, value_name = "E", default_value_t = 1e-4, value_parser = positive)]
+    #[arg(long, value_name = "E", default_value_t = Limits::default().tolerance, value_parser = positive)]
     tolerance: f64,
     /// The paper's E-step, which takes the present fill for measured
     #[arg(long)]
     impute: bool,
+    /// Where EM begins to fill: where its first model expects the markers, on straight lines, or at each marker's mean
+    /// [default: model, or interpolate with --init random]
+    #[arg(long, value_enum)]
+    start: Option<StartArg>,
+    /// The first parameters of EM: from principal components, or drawn at random
+    #[arg(long, value_enum, default_value_t = InitArg::Pca)]
+    init: InitArg,
+    /// Noise of the model: one variance for everything, or one for each marker and a full matrix for the states
+    #[arg(long, value_enum, default_value_t = NoiseArg::Diagonal)]
+    noise: NoiseArg,
+    /// How soft bones are met: Gauss-Newton steps, or the paper's gradient descent, which takes each frame alone
+    #[arg(long, value_enum, default_value_t = StepArg::GaussNewton)]
+    step: StepArg,
+    /// Let bones act as the paper prints it: each frame alone, on the fill only, nothing joined at the edges of gaps
+    #[arg(long)]
+    as_printed: bool,
     /// Seed for methods that draw random numbers
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
@@ -195,7 +242,42 @@ fn method(text: &str) -> Result<Method, String> {
     Method::parse(text).ok_or_else(|| format!("expected one of: {}", Method::ALL.map(Method::name).join(", ")))
 }
 
+/// A share of something, above 0 and at most 1.
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x <= 1.0 => Ok(x),
+        _ => Err("expected a number above 0 and at most 1".to_owned()),
+    }
+}
+
 impl RepairArgs {
+    fn settings(&self) -> Settings {
+        let random = self.init == InitArg::Random;
+        let start = match self.start {
+            Some(StartArg::Interpolate) => Start::Interpolate,
+            Some(StartArg::Zero) => Start::Zero,
+            // what a random model expects is nowhere near the body
+            None if random => Start::Interpolate,
+            Some(StartArg::Model) | None => Start::Model,
+        };
+        Settings {
+            hidden: self.energy.map_or(Hidden::Count(self.hidden as usize), Hidden::Energy),
+            lambda: self.lambda,
+            e_step: if self.impute { EStep::Imputing } else { EStep::Exact },
+            noise: match self.noise {
+                NoiseArg::Isotropic => Noise::Isotropic,
+                NoiseArg::Diagonal => Noise::Diagonal,
+            },
+            start,
+            init: if random { Init::Random(self.seed) } else { Init::Components },
+            step: match self.step {
+                StepArg::Gradient => BoneStep::Gradient,
+                StepArg::GaussNewton if self.as_printed => BoneStep::Frame,
+                StepArg::GaussNewton => BoneStep::Coupled,
+            },
+        }
+    }
+
     fn request(&self) -> Request {
         let mut input = self.inputs.first().cloned().unwrap_or_default();
         if self.in_place {
@@ -215,7 +297,7 @@ impl RepairArgs {
             dry_run: self.dry_run,
             timings: self.timings,
             method: self.method,
-            settings: Settings { hidden: self.hidden as usize, lambda: self.lambda, impute: self.impute },
+            settings: self.settings(),
             iterations: self.iterations,
             tolerance: self.tolerance,
             seed: self.seed,

@@ -19,6 +19,7 @@ pub mod fills;
 pub mod gaps;
 pub mod inspect;
 pub mod log;
+mod random;
 pub mod repair;
 pub mod report;
 pub mod solve;

@@ -4,6 +4,7 @@ use crate::bones::{self, BonesError};
 use crate::gaps::{Open, Policy, gaps};
 use crate::log::{About, Closing, LogError, McapLog};
 use crate::report::{GapReport, Report, StageReport};
+use crate::solve::lds::{EStep, Hidden};
 use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Stop, run};
 use crate::verify::{Broken, verify};
 use crate::{fills, staging};
@@ -52,9 +53,6 @@ pub struct Request {
     /// What the user states about the file.
     pub stated: Stated,
 }
-
-/// Root mean square movement of the missing samples in one EM round that counts as none, mm.
-pub const STILL_MM: f64 = 0.5;
 
 /// Why a take could not be repaired. Every text begins with the file it is about.
 #[derive(Debug, thiserror::Error)]
@@ -177,13 +175,14 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         let mut log = start_log(request, &opened, &bones, &mut report);
         if decisions.iter().any(Result::is_ok) && problem.markers() > 0 {
             let mut solver = request.method.solver(&problem, &request.settings);
-            let limits = Limits { steps: request.iterations, tolerance: request.tolerance, still_mm: STILL_MM, interrupt: Some(interrupt) };
+            let limits =
+                Limits { steps: request.iterations, tolerance: request.tolerance, interrupt: Some(interrupt), ..Limits::default() };
             let outcome = run(solver.as_mut(), &problem, 0, &limits, &mut (&mut log, watch));
             if interrupt.load(Ordering::Relaxed) {
                 return Err(RepairError::Interrupted { path: request.input.clone() });
             }
             accept(request, &outcome)?;
-            report.stages.push(StageReport::new(solver.name(), &outcome));
+            report.stages.push(StageReport::new(solver.as_ref(), &outcome));
             let estimate = solver.estimate();
             report.samples = fills::fill(&mut repaired, &problem, estimate, &found, &mut decisions);
         } else {
@@ -488,9 +487,15 @@ impl Request {
     /// The options that shape the result, by name, for the records.
     pub fn options(&self) -> Vec<(String, String)> {
         let mut options = vec![
-            ("hidden".to_owned(), self.settings.hidden.to_string()),
+            (
+                "hidden".to_owned(),
+                match self.settings.hidden {
+                    Hidden::Count(count) => count.to_string(),
+                    Hidden::Energy(share) => format!("energy {share}"),
+                },
+            ),
             ("lambda".to_owned(), self.settings.lambda.map_or_else(|| "spread".to_owned(), |l| l.to_string())),
-            ("e_step".to_owned(), if self.settings.impute { "imputing" } else { "exact" }.to_owned()),
+            ("e_step".to_owned(), if self.settings.e_step == EStep::Imputing { "imputing" } else { "exact" }.to_owned()),
             ("iterations".to_owned(), self.iterations.to_string()),
             ("tolerance".to_owned(), self.tolerance.to_string()),
             ("extrapolate".to_owned(), self.policy.extrapolate.to_string()),

@@ -3,7 +3,7 @@
 use crate::fills::Filled;
 use crate::gaps::Open;
 use crate::repair::{Opened, Request};
-use crate::solve::{Bone, Gap, Outcome, Stop};
+use crate::solve::{Bone, Gap, Outcome, Solver, Stop, Unmet};
 use formats::{Note, Origin, Take};
 use serde::Serialize;
 use std::fmt::Write;
@@ -71,17 +71,21 @@ pub struct StageReport {
     /// Root mean square distance between observed samples and model, mm, if the method has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rms_residual_mm: Option<f64>,
+    /// Hard bone lengths that could not be kept, if the method has any.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unmet: Option<Unmet>,
 }
 
 impl StageReport {
-    /// From the outcome of a run.
-    pub fn new(method: &'static str, outcome: &Outcome) -> Self {
+    /// From a solver and the outcome of its run.
+    pub fn new(solver: &dyn Solver, outcome: &Outcome) -> Self {
         Self {
-            method,
+            method: solver.name(),
             stop: outcome.stop.word(),
             iterations: outcome.steps,
             log_likelihood: outcome.last.and_then(|p| p.log_likelihood),
             rms_residual_mm: outcome.last.and_then(|p| p.rms_residual_mm),
+            unmet: solver.unmet(),
         }
     }
 }
@@ -206,7 +210,8 @@ impl Report {
 
     /// 0 if every gap is filled and nothing was assumed or lost, else 3. (Errors have their own codes.)
     pub fn exit_code(&self) -> u8 {
-        let unsettled = self.stages.iter().any(|s| s.stop != Stop::Converged.word());
+        let broken = |s: &StageReport| s.unmet.is_some_and(|unmet| unmet.lengths > 0);
+        let unsettled = self.stages.iter().any(|s| s.stop != Stop::Converged.word() || broken(s));
         let matters = self.notes.iter().any(Note::matters);
         if self.open_gaps().next().is_some() || unsettled || matters || self.log_error.is_some() { 3 } else { 0 }
     }
@@ -338,6 +343,17 @@ impl Report {
             sigmas.sort_by(f64::total_cmp);
             if let (Some(worst), Some(median)) = (sigmas.last(), sigmas.get(sigmas.len() / 2)) {
                 line("expected", format!("error {median:.1} mm (median), {worst:.1} mm (worst)"));
+            }
+            if let Some(unmet) = self.stages.iter().find_map(|s| s.unmet).filter(|unmet| unmet.lengths > 0) {
+                line(
+                    "not kept",
+                    format!(
+                        "{} in {}, by {:.2} mm at worst: they contradict each other or what was seen",
+                        count(unmet.lengths, "bone length"),
+                        count(unmet.frames, "frame"),
+                        unmet.worst_mm
+                    ),
+                );
             }
             if let Some(judged) = &self.bone_judgement {
                 line(

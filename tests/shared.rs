@@ -122,7 +122,7 @@ fn worked_example(path: &Path, example: &Example) -> Result<(), Failed> {
     let everybody = vec![true; truth.markers.len()];
     let problem = Problem::new(&gapped, &everybody, &mocap_repair::bones::find(&gapped, &everybody));
     let mut solver = Method::BoleroSc.solver(&problem, &Settings::default());
-    let limits = Limits { steps: 100, tolerance: 1e-4, still_mm: mocap_repair::repair::STILL_MM, interrupt: None };
+    let limits = Limits::default();
     let outcome = solve::run(solver.as_mut(), &problem, 0, &limits, &mut ());
     expect("stop", outcome.stop, solve::Stop::Converged)?;
     let mut squares = 0.0;

@@ -4,7 +4,7 @@
 //! and once in a take all cameras blink together.
 
 use super::markers::MARKERS;
-use super::random::{Random, Stream};
+use crate::random::{Random, Stream};
 use crate::solve::Gap;
 use std::ops::Range;
 

@@ -1,7 +1,7 @@
 //! Where the markers sit, and how the skin moves under them.
 
-use super::random::{Random, Stream, Wander};
 use super::walker::{Pose, Segment, Side};
+use crate::random::{Random, Stream, Wander};
 use nalgebra::{Point3, Vector3};
 
 /// A marker on its segment.

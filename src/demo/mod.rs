@@ -17,17 +17,16 @@ mod gaps;
 mod markers;
 mod path;
 pub mod picture;
-mod random;
 #[cfg(test)]
 mod tests;
 mod walker;
 
 pub use files::write_demo;
 
+use crate::random::{Random, Stream};
 use crate::solve::Gap;
 use formats::{Direction, Marker, Origin, Take, TakeBuilder};
 use markers::{MARKERS, Suit};
-use random::{Random, Stream};
 use std::ops::Range;
 use walker::Walker;
 

@@ -9,7 +9,7 @@
 //! Limbs hang down: the far end of an upper arm is at negative z.
 
 use super::path::Oval;
-use super::random::{Random, Stream, Wander};
+use crate::random::{Random, Stream, Wander};
 use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use std::f64::consts::{SQRT_2, TAU};
 

@@ -1,7 +1,10 @@
 //! The methods that can be chosen, and the solvers they stand for.
 
 use super::interpolate::{Curve, Interpolate};
-use super::lds::{EStep, Lds, Options, Penalty};
+use super::lds::em::Noise;
+use super::lds::step::BoneStep;
+use super::lds::{Constraint, EStep, Hidden, Init, Lds, Options, Start};
+use super::msvd::Msvd;
 use super::{Problem, Solver};
 
 /// A way to fill gaps.
@@ -11,8 +14,12 @@ pub enum Method {
     Linear,
     /// Natural cubic splines.
     Spline,
+    /// Singular value decomposition with missing values.
+    Msvd,
     /// A linear dynamical system learned by EM (DynaMMo).
     Lds,
+    /// The same with hard bone constraints (BoLeRO-HC).
+    BoleroHc,
     /// The same with soft bone constraints (BoLeRO-SC).
     BoleroSc,
 }
@@ -20,30 +27,49 @@ pub enum Method {
 /// What can be set about the methods.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Settings {
-    /// Dimension of the hidden state.
-    pub hidden: usize,
+    /// Dimension of the hidden state; rank of `msvd`.
+    pub hidden: Hidden,
     /// The paper's λ in 1/m⁴; `None` weighs each bone by the spread that it shows.
     pub lambda: Option<f64>,
-    /// True for the paper's E-step, which believes the present fill.
-    pub impute: bool,
+    /// How missing entries enter the E-step.
+    pub e_step: EStep,
+    /// What is free about the noise.
+    pub noise: Noise,
+    /// The first fill.
+    pub start: Start,
+    /// The first parameters.
+    pub init: Init,
+    /// How the fill is made to keep the bones.
+    pub step: BoneStep,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { hidden: 16, lambda: None, impute: false }
+        let Options { hidden, e_step, noise, start, init, step, .. } = Options::default();
+        Self { hidden, lambda: None, e_step, noise, start, init, step }
+    }
+}
+
+impl Settings {
+    /// Those of the EM solver.
+    fn options(&self, constraint: Constraint) -> Options {
+        let Self { hidden, e_step, noise, start, init, step, .. } = *self;
+        Options { hidden, constraint, e_step, noise, start, init, step }
     }
 }
 
 impl Method {
     /// All methods, simplest first.
-    pub const ALL: [Self; 4] = [Self::Linear, Self::Spline, Self::Lds, Self::BoleroSc];
+    pub const ALL: [Self; 6] = [Self::Linear, Self::Spline, Self::Msvd, Self::Lds, Self::BoleroHc, Self::BoleroSc];
 
     /// The name on the command line and in every record.
     pub fn name(self) -> &'static str {
         match self {
             Self::Linear => "linear",
             Self::Spline => "spline",
+            Self::Msvd => "msvd",
             Self::Lds => "lds",
+            Self::BoleroHc => "bolero-hc",
             Self::BoleroSc => "bolero-sc",
         }
     }
@@ -55,16 +81,14 @@ impl Method {
 
     /// A solver for `problem`.
     pub fn solver<'a>(self, problem: &'a Problem, settings: &Settings) -> Box<dyn Solver + 'a> {
-        let e_step = if settings.impute { EStep::Imputing } else { EStep::Exact };
-        let penalty = match (self, settings.lambda) {
-            (Self::BoleroSc, Some(lambda)) => Penalty::Lambda(lambda),
-            (Self::BoleroSc, None) => Penalty::Spread,
-            _ => Penalty::None,
-        };
+        let lds = |constraint| Box::new(Lds::new(problem, settings.options(constraint)));
         match self {
             Self::Linear => Box::new(Interpolate::new(problem, Curve::Linear)),
             Self::Spline => Box::new(Interpolate::new(problem, Curve::Spline)),
-            Self::Lds | Self::BoleroSc => Box::new(Lds::new(problem, Options { hidden: settings.hidden, penalty, e_step })),
+            Self::Msvd => Box::new(Msvd::new(problem, settings.hidden, settings.start)),
+            Self::Lds => lds(Constraint::None),
+            Self::BoleroHc => lds(Constraint::Hard),
+            Self::BoleroSc => lds(settings.lambda.map_or(Constraint::Spread, Constraint::Lambda)),
         }
     }
 }

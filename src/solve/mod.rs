@@ -8,6 +8,7 @@ pub mod body;
 pub mod interpolate;
 pub mod lds;
 mod method;
+pub mod msvd;
 mod problem;
 
 pub use method::{Method, Settings};
@@ -67,6 +68,30 @@ pub trait Solver {
 
     /// What is known after the last step.
     fn estimate(&self) -> &Estimate;
+
+    /// Last touches to the estimate that would cost too much in every round. [`run`] calls it once, after the last step and before observers hear of that step.
+    fn conclude(&mut self) {}
+
+    /// Which hard constraints the estimate does not meet; `None` for methods without any.
+    fn unmet(&self) -> Option<Unmet> {
+        None
+    }
+}
+
+/// Hard constraints that could not be met, because they contradict each other or what was seen.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct Unmet {
+    /// Number of bone lengths, frame by frame, that are off by more than [`Unmet::LEAST_MM`].
+    pub lengths: usize,
+    /// Number of frames in which one of them is.
+    pub frames: usize,
+    /// The largest violation, in mm.
+    pub worst_mm: f64,
+}
+
+impl Unmet {
+    /// A length that is off by less than this counts as met, in mm.
+    pub const LEAST_MM: f64 = 0.01;
 }
 
 /// When to stop.
@@ -80,6 +105,13 @@ pub struct Limits<'a> {
     pub still_mm: f64,
     /// Stop when this becomes true.
     pub interrupt: Option<&'a AtomicBool>,
+}
+
+impl Default for Limits<'_> {
+    /// What the command does if nothing is said: most takes settle in 20 to 40 steps.
+    fn default() -> Self {
+        Self { steps: 100, tolerance: 1e-4, still_mm: 0.5, interrupt: None }
+    }
 }
 
 /// Why the loop stopped.
@@ -231,6 +263,9 @@ pub fn run(solver: &mut dyn Solver, problem: &Problem, stage: u32, limits: &Limi
             _ => false,
         };
         let converged = progress.done || settled;
+        if converged || outcome.steps + 1 == limits.steps {
+            solver.conclude();
+        }
         observer.stepped(&Step { stage, iteration: outcome.steps, progress: &progress, problem, estimate: solver.estimate(), converged });
         before = progress.log_likelihood;
         outcome.steps += 1;

@@ -5,6 +5,7 @@ use formats::{Format, Notes, Origin, Stated, Take, TakeBuilder, Unit};
 use mocap_repair::gaps::Policy;
 use mocap_repair::repair::{Request, repair};
 use mocap_repair::report::Report;
+use mocap_repair::solve::lds::Hidden;
 use mocap_repair::solve::{Method, Settings};
 use proptest::prelude::*;
 use std::path::Path;
@@ -36,7 +37,7 @@ fn run(bytes: &[u8], extension: &str, method: Method) -> Ran {
         dry_run: false,
         timings: false,
         method,
-        settings: Settings { hidden: 6, ..Settings::default() },
+        settings: Settings { hidden: Hidden::Count(6), ..Settings::default() },
         iterations: 4,
         tolerance: 1e-6,
         seed: 0,

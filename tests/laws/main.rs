@@ -18,6 +18,9 @@ mod moving;
 use ::formats::{Marker, Origin, Take, TakeBuilder};
 use mocap_repair::demo::walk;
 use mocap_repair::gaps::{Open, Policy, gaps};
+use mocap_repair::solve::lds::em::Noise;
+use mocap_repair::solve::lds::step::BoneStep;
+use mocap_repair::solve::lds::{EStep, Hidden, Init, Start};
 use mocap_repair::solve::{Gap, Method, Problem, Settings};
 use mocap_repair::{bones, fills};
 use proptest::prelude::*;
@@ -99,6 +102,7 @@ fn repaired(take: &Take, method: Method, settings: &Settings, rounds: usize, ext
                 break;
             }
         }
+        solver.conclude();
         fills::fill(&mut filled, &problem, solver.estimate(), &gaps, &mut decisions);
     }
     Repaired { take: filled, gaps, decisions }
@@ -107,10 +111,18 @@ fn repaired(take: &Take, method: Method, settings: &Settings, rounds: usize, ext
 /// The settings under which a method is tried: the usual ones, and for bones and EM the paper's way, too.
 fn settings(method: Method) -> Vec<Settings> {
     let usual = Settings::default();
+    let paper = Settings { hidden: Hidden::Count(5), e_step: EStep::Imputing, ..usual };
     match method {
         Method::Linear | Method::Spline => vec![usual],
-        Method::Lds => vec![usual, Settings { hidden: 5, impute: true, ..usual }],
-        Method::BoleroSc => vec![usual, Settings { hidden: 5, impute: true, lambda: Some(1e4) }],
+        Method::Msvd => vec![usual, Settings { start: Start::Zero, hidden: Hidden::Energy(0.95), ..usual }],
+        Method::Lds => vec![usual, paper],
+        Method::BoleroHc => vec![usual, Settings { step: BoneStep::Frame, ..paper }],
+        Method::BoleroSc => vec![
+            usual,
+            Settings { lambda: Some(1e4), ..paper },
+            Settings { step: BoneStep::Frame, noise: Noise::Isotropic, init: Init::Random(3), start: Start::Interpolate, ..paper },
+            Settings { step: BoneStep::Gradient, ..usual },
+        ],
     }
 }
 

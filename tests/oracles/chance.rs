@@ -56,6 +56,7 @@ impl Chance {
         Model {
             transition: self.normals(hidden, hidden) * (0.7 / (hidden as f64).sqrt()),
             emission: self.normals(3 * markers, hidden),
+            offset: self.normal_vector(3 * markers),
             state_noise: self.covariance(hidden, 0.2),
             marker_noise: (0..markers).map(|_| self.between(0.05, 1.0)).collect(),
             initial_mean: self.normal_vector(hidden),

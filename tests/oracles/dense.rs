@@ -1,7 +1,7 @@
 //! One Gaussian over everything, with every covariance written out: slow, and hard to get wrong.
 
-use mocap_repair::solve::lds::kalman::Evidence;
 use mocap_repair::solve::lds::model::Model;
+use mocap_repair::solve::lds::smoother::Evidence;
 use nalgebra::{DMatrix, DVector};
 
 /// A Gaussian vector.
@@ -47,7 +47,11 @@ impl Gaussian {
             emission.view_mut((t * width, t * hidden), (width, hidden)).copy_from(&model.emission);
         }
         let noise = DVector::from_fn(frames * width, |k, _| model.marker_noise[k % width / 3]);
-        Self::chain(model, frames).extend(&emission, &DMatrix::from_diagonal(&noise))
+        let mut all = Self::chain(model, frames).extend(&emission, &DMatrix::from_diagonal(&noise));
+        for k in 0..frames * width {
+            all.mean[frames * hidden + k] += model.offset[k % width];
+        }
+        all
     }
 
     /// What is known once the entries `at` turned out to have these `values`, and the log-density of their doing so.
@@ -76,29 +80,32 @@ pub fn seen(model: &Model, table: &Table) -> (Vec<usize>, Vec<f64>) {
     table.iter().enumerate().filter(|(_, x)| !x.is_nan()).map(|(k, x)| (states + k, *x)).unzip()
 }
 
-/// What the frames of `table` say about their states, by the definition: `Σ (y - G z)² / r + ln(2π r)` over the coordinates that are known.
+/// What the frames of `table` say about their states, by the definition: `Σ (y - d - G z)² / r + ln(2π r)` over the coordinates that are known.
+/// Frames in which everything is known share one matrix, as those of a take do.
 pub fn evidence(model: &Model, table: &Table) -> Evidence {
     let (hidden, frames) = (model.hidden(), table.ncols());
     let mut said = Evidence {
-        complete: DMatrix::zeros(hidden, hidden),
-        partial: Vec::new(),
+        matrices: vec![DMatrix::zeros(hidden, hidden)],
+        of: vec![0; frames],
         vectors: DMatrix::zeros(hidden, frames),
-        constants: vec![0.0; frames],
+        constant: 0.0,
     };
     for k in 0..table.nrows() {
-        said.complete += model.emission.row(k).tr_mul(&model.emission.row(k)) / model.marker_noise[k / 3];
+        said.matrices[0] += model.emission.row(k).tr_mul(&model.emission.row(k)) / model.marker_noise[k / 3];
     }
     for t in 0..frames {
         let mut matrix = DMatrix::zeros(hidden, hidden);
         for (k, y) in table.column(t).iter().enumerate().filter(|(_, y)| !y.is_nan()) {
-            let (row, noise) = (model.emission.row(k), model.marker_noise[k / 3]);
+            let (row, noise, off) = (model.emission.row(k), model.marker_noise[k / 3], y - model.offset[k]);
             matrix += row.tr_mul(&row) / noise;
             let mut vector = said.vectors.column_mut(t);
-            vector += row.transpose() * (y / noise);
-            said.constants[t] += y * y / noise + (std::f64::consts::TAU * noise).ln();
+            vector += row.transpose() * (off / noise);
+            said.constant += off * off / noise + (std::f64::consts::TAU * noise).ln();
         }
-        let whole = table.column(t).iter().all(|y| !y.is_nan());
-        said.partial.push((!whole).then_some(matrix));
+        if table.column(t).iter().any(|y| y.is_nan()) {
+            said.of[t] = said.matrices.len() as u32;
+            said.matrices.push(matrix);
+        }
     }
     said
 }

@@ -7,48 +7,55 @@
 use crate::chance::Chance;
 use crate::dense::{Gaussian, Table, evidence, seen};
 use crate::near;
-use mocap_repair::solve::lds::em::{Open, maximise};
-use mocap_repair::solve::lds::kalman::{Smoothed, smooth};
+use mocap_repair::solve::lds::em::{self, Noise, maximise};
 use mocap_repair::solve::lds::model::Model;
+use mocap_repair::solve::lds::smoother::{Smoothed, smooth};
 use nalgebra::{DMatrix, DVector};
 
 /// What the E-step hands to the M-step.
 struct Moments {
     smoothed: Smoothed,
-    filled: DMatrix<f64>,
-    open: Open,
+    of: em::Moments,
 }
 
 impl Moments {
     /// Those of a table with holes under `model`.
     fn new(model: &Model, table: &Table) -> Self {
-        let smoothed = smooth(model, &evidence(model, table)).unwrap();
-        let mut filled = table.clone();
-        let mut open = Open { cross: DMatrix::zeros(table.nrows(), model.hidden()), trace: vec![0.0; table.nrows() / 3] };
+        let smoothed = smooth(model, evidence(model, table)).unwrap();
+        let (m, hidden) = (table.nrows(), model.hidden());
+        let mut of = em::Moments { cross: DMatrix::zeros(m, hidden), sum: DVector::zeros(m), squares: vec![0.0; m / 3] };
         for t in 0..table.ncols() {
-            for k in (0..table.nrows()).filter(|&k| table[(k, t)].is_nan()) {
-                let row = model.emission.row(k);
-                let carried = row * &smoothed.covariances[t];
-                filled[(k, t)] = row.transpose().dot(&smoothed.means.column(t));
-                open.trace[k / 3] += carried.dot(&row) + model.marker_noise[k / 3];
-                let mut cross = open.cross.row_mut(k);
-                cross += carried;
+            let mean = smoothed.means.column(t);
+            for k in 0..m {
+                let mut x = table[(k, t)];
+                if x.is_nan() {
+                    let row = model.emission.row(k);
+                    let carried = row * smoothed.covariance_of(t);
+                    x = (row * mean)[0] + model.offset[k];
+                    of.squares[k / 3] += carried.dot(&row) + model.marker_noise[k / 3];
+                    let mut cross = of.cross.row_mut(k);
+                    cross += carried;
+                }
+                let mut cross = of.cross.row_mut(k);
+                cross += mean.transpose() * x;
+                of.sum[k] += x;
+                of.squares[k / 3] += x * x;
             }
         }
-        Self { smoothed, filled, open }
+        Self { smoothed, of }
     }
 
-    /// Expected log-density of states and markers under `model` with the constant term `offset`, up to a constant; -∞ if a covariance is not one.
-    fn expected(&self, model: &Model, offset: &DVector<f64>) -> f64 {
-        let Smoothed { means, covariances, lagged, .. } = &self.smoothed;
+    /// Expected log-density of states and markers under `model`, up to a constant; -∞ if a covariance is not one.
+    fn expected(&self, model: &Model) -> f64 {
+        let Smoothed { means, lagged, .. } = &self.smoothed;
         let frames = means.ncols();
-        let second = |t: usize| &covariances[t] + means.column(t) * means.column(t).transpose();
+        let second = |t: usize| self.smoothed.covariance_of(t) + means.column(t) * means.column(t).transpose();
         let gaussian = |covariance: &DMatrix<f64>, count: usize, squares: &DMatrix<f64>| {
             let Some(factor) = covariance.clone().cholesky() else { return f64::NEG_INFINITY };
             -0.5 * (count as f64 * factor.ln_determinant() + factor.solve(squares).trace())
         };
         let off = means.column(0) - &model.initial_mean;
-        let mut sum = gaussian(&model.initial_covariance, 1, &(&covariances[0] + &off * off.transpose()));
+        let mut sum = gaussian(&model.initial_covariance, 1, &(self.smoothed.covariance_of(0) + &off * off.transpose()));
         let past = (0..frames - 1).map(second).sum::<DMatrix<f64>>();
         let next = (1..frames).map(second).sum::<DMatrix<f64>>();
         let step = (1..frames).fold(lagged.clone(), |sum, t| sum + means.column(t) * means.column(t - 1).transpose());
@@ -56,21 +63,17 @@ impl Moments {
         let squares = next - f * step.transpose() - &step * f.transpose() + f * past * f.transpose();
         sum += gaussian(&model.state_noise, frames - 1, &squares);
         let states = (0..frames).map(second).sum::<DMatrix<f64>>();
-        let filled = less(&self.filled, offset);
-        let cross = &filled * means.transpose() + &self.open.cross;
+        let state = means.column_sum();
         for (i, noise) in model.marker_noise.iter().enumerate() {
-            let g = model.emission.rows(3 * i, 3);
-            let squares =
-                filled.rows(3 * i, 3).norm_squared() + self.open.trace[i] - 2.0 * g.dot(&cross.rows(3 * i, 3)) + (g * &states).dot(&g);
+            let (g, d) = (model.emission.rows(3 * i, 3), model.offset.rows(3 * i, 3));
+            let squares = self.of.squares[i] - 2.0 * g.dot(&self.of.cross.rows(3 * i, 3)) + (g * &states).dot(&g)
+                - 2.0 * d.dot(&self.of.sum.rows(3 * i, 3))
+                + 2.0 * d.dot(&(g * &state))
+                + frames as f64 * d.norm_squared();
             sum -= 0.5 * ((3 * frames) as f64 * noise.ln() + squares / noise);
         }
         sum
     }
-}
-
-/// The table with `offset` taken from every frame.
-fn less(table: &DMatrix<f64>, offset: &DVector<f64>) -> DMatrix<f64> {
-    DMatrix::from_fn(table.nrows(), table.ncols(), |r, c| table[(r, c)] - offset[r])
 }
 
 /// A table drawn at random, without the samples that chance hides.
@@ -86,16 +89,16 @@ fn table(chance: &mut Chance, markers: usize, frames: usize, missing: f64) -> Ta
     table
 }
 
-/// The model and its constant term moved by `step` in some direction within each of their seven parameters in turn, and the name of that parameter.
+/// The model moved by `step` in some direction within each of their seven parameters in turn, and the name of that parameter.
 /// Covariances stay symmetric.
-fn moved(model: &Model, offset: &DVector<f64>, chance: &mut Chance, step: f64) -> Vec<(&'static str, Model, DVector<f64>)> {
+fn moved(model: &Model, chance: &mut Chance, step: f64) -> Vec<(&'static str, Model)> {
     let (hidden, markers) = (model.hidden(), model.marker_noise.len());
     let symmetric = |chance: &mut Chance| {
         let any = chance.normals(hidden, hidden);
         (&any + any.transpose()) * 0.5
     };
-    let mut out: Vec<(&'static str, Model, DVector<f64>)> =
-        ["F", "G", "Λ", "noise", "μ₀", "Γ", "d"].into_iter().map(|name| (name, model.clone(), offset.clone())).collect();
+    let mut out: Vec<(&'static str, Model)> =
+        ["F", "G", "Λ", "noise", "μ₀", "Γ", "d"].into_iter().map(|name| (name, model.clone())).collect();
     out[0].1.transition += chance.normals(hidden, hidden) * step;
     out[1].1.emission += chance.normals(3 * markers, hidden) * step;
     out[2].1.state_noise += symmetric(chance) * step;
@@ -104,7 +107,7 @@ fn moved(model: &Model, offset: &DVector<f64>, chance: &mut Chance, step: f64) -
     }
     out[4].1.initial_mean += chance.normal_vector(hidden) * step;
     out[5].1.initial_covariance += symmetric(chance) * step;
-    out[6].2 += chance.normal_vector(3 * markers) * step;
+    out[6].1.offset += chance.normal_vector(3 * markers) * step;
     out
 }
 
@@ -120,13 +123,13 @@ fn no_small_change_of_a_parameter_beats_the_m_step() {
         let before = chance.model(hidden, markers);
         let moments = Moments::new(&before, &table(&mut chance, markers, frames, missing));
         let mut found = before.clone();
-        let offset = maximise(&mut found, &moments.smoothed, &moments.filled, &moments.open).unwrap();
-        let best = moments.expected(&found, &offset);
-        assert!(best > moments.expected(&before, &DVector::zeros(3 * markers)), "case {seed}: the M-step gains nothing");
+        maximise(&mut found, &moments.smoothed, &moments.of, Noise::Diagonal).unwrap();
+        let best = moments.expected(&found);
+        assert!(best > moments.expected(&before), "case {seed}: the M-step gains nothing");
         for _ in 0..60 {
             for step in [1e-1, 1e-2, 1e-3] {
-                for (parameter, other, offset) in moved(&found, &offset, &mut chance, step) {
-                    let value = moments.expected(&other, &offset);
+                for (parameter, other) in moved(&found, &mut chance, step) {
+                    let value = moments.expected(&other);
                     assert!(value < best, "case {seed}: another {parameter}, {step} away, has {value}, the M-step {best}");
                     tried += 1;
                 }
@@ -143,18 +146,17 @@ fn what_the_m_step_climbs_has_the_slope_of_the_likelihood() {
         let model = chance.model(hidden, markers);
         let table = table(&mut chance, markers, frames, missing);
         let moments = Moments::new(&model, &table);
-        let likelihood = |model: &Model, offset: &DVector<f64>| {
-            let (at, values) = seen(model, &less(&table, offset));
+        let likelihood = |model: &Model| {
+            let (at, values) = seen(model, &table);
             Gaussian::system(model, frames).given(&at, &values).1
         };
-        let none = DVector::zeros(3 * markers);
         let step = 1e-5;
         // the same directions, there and back
-        let there = moved(&model, &none, &mut Chance::new(seed), step);
-        let back = moved(&model, &none, &mut Chance::new(seed), -step);
-        for ((parameter, there, ahead), (_, back, behind)) in there.iter().zip(&back) {
-            let slope = |f: &dyn Fn(&Model, &DVector<f64>) -> f64| (f(there, ahead) - f(back, behind)) / (2.0 * step);
-            near(&format!("case {seed}, {parameter}"), slope(&|m, d| moments.expected(m, d)), slope(&likelihood), 1e-6);
+        let there = moved(&model, &mut Chance::new(seed), step);
+        let back = moved(&model, &mut Chance::new(seed), -step);
+        for ((parameter, there), (_, back)) in there.iter().zip(&back) {
+            let slope = |f: &dyn Fn(&Model) -> f64| (f(there) - f(back)) / (2.0 * step);
+            near(&format!("case {seed}, {parameter}"), slope(&|m| moments.expected(m)), slope(&likelihood), 1e-6);
         }
     }
 }
@@ -165,7 +167,7 @@ fn a_single_frame_leaves_the_dynamics_alone() {
     let before = chance.model(2, 2);
     let moments = Moments::new(&before, &table(&mut chance, 2, 1, 0.0));
     let mut found = before.clone();
-    maximise(&mut found, &moments.smoothed, &moments.filled, &moments.open).unwrap();
+    maximise(&mut found, &moments.smoothed, &moments.of, Noise::Diagonal).unwrap();
     assert_eq!((found.transition, found.state_noise), (before.transition, before.state_noise));
     assert_eq!(found.initial_mean, moments.smoothed.means.column(0));
 }

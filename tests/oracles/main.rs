@@ -4,6 +4,7 @@
 //! | --- | --- | --- |
 //! | [`smoother`] | forward-backward pass | one Gaussian over all states and observations, inverted |
 //! | [`bones`] | bones as evidence | the same; Jacobians against differences; the bone step against gradient descent |
+//! | [`band`] | the bone step over whole gaps | processes written out, a search by coordinates, slopes by differences; bones that cannot be met |
 //! | [`em`] | M-step | no small change of a parameter is better; what it climbs has the slope of the likelihood |
 //! | [`whole`] | the solvers | one Gaussian again; a system that is known because it made the data; likelihoods that never fall |
 //! | [`spline`] | natural cubic splines | all polynomials at once, and values computed by hand |
@@ -11,6 +12,7 @@
 //! [`dense`] is that one Gaussian, [`chance`] the seeded random numbers.
 #![allow(clippy::unwrap_used)] // a test that gets no value has failed
 
+mod band;
 mod bones;
 mod chance;
 mod dense;

@@ -7,10 +7,9 @@ use formats::{Marker, Origin, Take, TakeBuilder};
 use mocap_repair::demo::{DemoOptions, demo, hide, walk};
 use mocap_repair::solve::body::BodyFrames;
 use mocap_repair::solve::lds::bones::{Group, LocalBone, groups, incidence, linearise};
-use mocap_repair::solve::lds::join;
-use mocap_repair::solve::lds::kalman::smooth;
 use mocap_repair::solve::lds::model::Model;
-use mocap_repair::solve::lds::{EStep, Lds, Options, Penalty};
+use mocap_repair::solve::lds::smoother::smooth;
+use mocap_repair::solve::lds::{Constraint, Hidden, Lds, Options};
 use mocap_repair::solve::{Bone, Limits, Method, Observer, Problem, Settings, Solver, Step, Stop, run};
 use nalgebra::{DMatrix, DVector};
 
@@ -68,18 +67,6 @@ impl Local {
             centre.push(mean);
         }
         Self { table, centre, body }
-    }
-
-    /// Measures from where the solver does after its M-step.
-    fn recentre(&mut self, centre: &[f64], problem: &Problem, anchors: &mut [[f64; 3]]) {
-        for (k, (old, new)) in self.centre.iter_mut().zip(centre).enumerate() {
-            let shift = new - *old;
-            self.table.row_mut(k).add_scalar_mut(-shift);
-            for (anchor, _) in anchors.iter_mut().zip(&problem.missing).filter(|(_, (_, i))| *i == k / 3) {
-                anchor[k % 3] -= shift;
-            }
-            *old = *new;
-        }
     }
 
     /// Where an entry of the table is in the world, mm.
@@ -144,12 +131,13 @@ impl Dense {
             }
             let group = Group { markers: missing, bones: (0..own.len()).collect() };
             let system = linearise(&group, &own, &place, &local.centre);
+            let (jacobian, right) = system.dense(group.markers.len());
             let mut reach = DMatrix::zeros(own.len(), all.mean.len());
             for (slot, &i) in group.markers.iter().enumerate() {
-                reach.columns_mut(states + t * width + 3 * i, 3).copy_from(&system.jacobian.columns(3 * slot, 3));
+                reach.columns_mut(states + t * width + 3 * i, 3).copy_from(&jacobian.columns(3 * slot, 3));
             }
             at.extend(all.mean.len()..all.mean.len() + own.len());
-            values.extend(system.right.iter());
+            values.extend(right.iter());
             all = all.extend(&reach, &DMatrix::identity(own.len(), own.len()));
             log_scale += system.log_scale;
         }
@@ -163,13 +151,6 @@ impl Dense {
         let variance = self.posterior.covariance.view((from, from), (3, 3)).trace();
         (std::array::from_fn(|axis| self.posterior.mean[from + axis]), 1000.0 * variance.sqrt())
     }
-
-    /// What the model expects of every coordinate, m × T.
-    fn expected(&self, model: &Model) -> DMatrix<f64> {
-        let states =
-            DMatrix::from_column_slice(model.hidden(), self.states / model.hidden(), &self.posterior.mean.as_slice()[..self.states]);
-        &model.emission * states
-    }
 }
 
 /// Two rounds of EM from a fresh start, the second one with bones, if there are any. The first one ignores them.
@@ -179,9 +160,9 @@ fn two_rounds(seed: u64, markers: usize, frames: usize, share: f64, bones: &[Bon
     let take = scatter(&swing(&mut chance, markers, frames), &mut chance, share);
     let problem = Problem::new(&take, &vec![true; markers], bones);
     assert!(!problem.missing.is_empty());
-    let mut local = Local::new(&problem);
-    let penalty = if bones.is_empty() { Penalty::None } else { Penalty::Spread };
-    let mut solver = Lds::new(&problem, Options { hidden: 3, penalty, e_step: EStep::Exact });
+    let local = Local::new(&problem);
+    let constraint = if bones.is_empty() { Constraint::None } else { Constraint::Spread };
+    let mut solver = Lds::new(&problem, Options { hidden: Hidden::Count(3), constraint, ..Options::default() });
     let mut anchors = solver.anchors().to_vec(); // the start's; afterwards they must be what the round before expected
     let mut counts = (0, 0);
     for round in 0..2 {
@@ -191,19 +172,21 @@ fn two_rounds(seed: u64, markers: usize, frames: usize, share: f64, bones: &[Bon
         let dense = Dense::new(&model, &problem, &local, &spoken, &|k| anchors[k]);
         let case = format!("{markers} markers, {} missing, {} bones, round {round}", problem.missing.len(), bones.len());
         near(&format!("{case}: log-likelihood"), progress.log_likelihood.unwrap(), dense.log_likelihood, 1e-7);
-        let joined =
-            if bones.is_empty() { vec![[0.0; 3]; problem.missing.len()] } else { bridges(&problem, &local, &dense.expected(&model)) };
-        let estimate = solver.estimate();
         for (k, &(t, i)) in problem.missing.iter().enumerate() {
             let (place, sigma_mm) = dense.sample(t, i);
-            let right = local.world_mm(t, i, std::array::from_fn(|axis| place[axis] + joined[k][axis]));
-            let off = estimate.positions_mm[k].iter().zip(right).map(|(p, q)| (p - q).abs()).fold(0.0, f64::max);
-            assert!(off < 1e-4, "{case}: marker {i} in frame {t} is off by {off} mm");
+            let off = solver.expected()[k].iter().zip(place).map(|(p, q)| (p - q).abs()).fold(0.0, f64::max);
+            assert!(off < 1e-7, "{case}: marker {i} in frame {t} is expected {off} m away");
+            let estimate = solver.estimate();
+            if bones.is_empty() {
+                // nothing comes after the expectation
+                let right = local.world_mm(t, i, place);
+                let off = estimate.positions_mm[k].iter().zip(right).map(|(p, q)| (p - q).abs()).fold(0.0, f64::max);
+                assert!(off < 1e-4, "{case}: marker {i} in frame {t} is off by {off} mm");
+            }
             let own = estimate.sigma_mm[k];
             assert!((own / sigma_mm - 1.0).abs() < 1e-6, "{case}: sigma of marker {i} in frame {t} is {own}, should be {sigma_mm}");
             anchors[k] = place;
         }
-        local.recentre(solver.centre(), &problem, &mut anchors);
         counts = (dense.heard, dense.unheard);
         // a damped round is another function; that damping leaves the solution alone is shown with single groups
         if solver.damping().iter().any(|&damping| damping > 0.0) {
@@ -211,34 +194,6 @@ fn two_rounds(seed: u64, markers: usize, frames: usize, share: f64, bones: &[Bon
         }
     }
     counts
-}
-
-/// What joins each missing sample to the observed ones around it, from its definition: the residuals at both edges, carried into the gap.
-fn bridges(problem: &Problem, local: &Local, expected: &DMatrix<f64>) -> Vec<[f64; 3]> {
-    let residual = &local.table - expected;
-    let mut known = residual.map(|x| if x.is_nan() { 0.0 } else { x });
-    let correlations = join::correlation_frames(problem, &known);
-    join::clip(problem, &mut known);
-    let residual = known;
-    let carried = |&(t, i): &(usize, usize)| {
-        let before = (0..t).rev().find(|&s| problem.observed(s, i));
-        let after = (t + 1..problem.frames()).find(|&s| problem.observed(s, i));
-        let decay = |frames: usize| (-(frames as f64) / correlations[i]).exp();
-        std::array::from_fn(|axis| {
-            let at = |s: usize| residual[(3 * i + axis, s)];
-            match (before, after) {
-                (Some(a), Some(b)) => {
-                    // the expectation of a process whose covariance falls by `decay`, given both ends
-                    let (near_a, near_b, between) = (decay(t - a), decay(b - t), decay(b - a));
-                    ((near_a - between * near_b) * at(a) + (near_b - between * near_a) * at(b)) / (1.0 - between * between)
-                }
-                (Some(a), None) => decay(t - a) * at(a),
-                (None, Some(b)) => decay(b - t) * at(b),
-                (None, None) => 0.0,
-            }
-        })
-    };
-    problem.missing.iter().map(carried).collect()
 }
 
 #[test]
@@ -314,6 +269,7 @@ fn known_system(chance: &mut Chance) -> (Model, [[f64; 3]; 2]) {
     let model = Model {
         transition: DMatrix::from_row_slice(2, 2, &[TURN.cos(), -TURN.sin(), TURN.sin(), TURN.cos()]) * KEPT,
         emission: chance.normals(6, 2) * 0.07, // m per unit of the state
+        offset: DVector::zeros(6),
         state_noise: &identity * 0.15_f64.powi(2),
         marker_noise: vec![0.012_f64.powi(2), 0.02_f64.powi(2)],
         initial_mean: DVector::zeros(2),
@@ -340,7 +296,7 @@ fn em_finds_the_system_that_made_the_data() {
     let truth = truth.build();
     let take = scatter(&truth, &mut chance, 0.1);
     let problem = Problem::new(&take, &[true; 2], &[]);
-    let mut solver = Lds::new(&problem, Options { hidden: 2, penalty: Penalty::None, e_step: EStep::Exact });
+    let mut solver = Lds::new(&problem, Options { hidden: Hidden::Count(2), ..Options::default() });
     for _ in 0..60 {
         solver.step().unwrap();
     }
@@ -365,7 +321,7 @@ fn em_finds_the_system_that_made_the_data() {
             table.view_mut((3 * i, t), (3, 1)).copy_from_slice(&[0, 1, 2].map(|axis| (p[axis] - places[i][axis]) / 1000.0));
         }
     }
-    let known = &made.emission * smooth(&made, &evidence(&made, &table)).unwrap().means;
+    let known = &made.emission * smooth(&made, evidence(&made, &table)).unwrap().means;
     let (mut own, mut others, mut surprise) = (0.0, 0.0, 0.0);
     let estimate = solver.estimate();
     for (k, &(t, i)) in problem.missing.iter().enumerate() {

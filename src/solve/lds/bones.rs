@@ -14,6 +14,7 @@
 //!
 //! Missing markers that no chain of bones between missing markers connects are independent: each group is its own small system.
 
+use super::kernel::{add_square, axpy};
 use super::model::Model;
 use nalgebra::{DMatrix, DVector};
 
@@ -96,34 +97,81 @@ pub fn groups(missing: &[usize], bones: &[LocalBone], incidence: &[Vec<usize>]) 
 /// The bones of a group, linearised at a frame's positions: `J x = r + unit noise` for its missing markers `x`.
 #[derive(Clone, Debug)]
 pub struct Linearised {
-    /// J, bones × 3 · markers.
-    pub jacobian: DMatrix<f64>,
-    /// r, bones.
-    pub right: DVector<f64>,
+    /// One row of J and r per bone.
+    pub rows: Vec<Row>,
     /// -Σ ln(2 d √λ): turns the density of the scaled rows into that of lengths in m.
     pub log_scale: f64,
 }
 
-/// Linearises the bones of `group` at `positions` (m, centred positions of one frame) plus `centre` (m).
+/// A bone, linearised.
+#[derive(Clone, Copy, Debug)]
+pub struct Row {
+    /// The bone.
+    pub bone: LocalBone,
+    /// Places of its missing ends in the group's markers.
+    pub slots: [Option<usize>; 2],
+    /// Slope of its length, in units of its spread, when its first end moves; the second end's is the opposite. 1/m.
+    pub slope: [f64; 3],
+    /// r.
+    pub right: f64,
+}
+
+impl Row {
+    /// Its missing ends, with the sign of the slope.
+    fn ends(self) -> impl Iterator<Item = (usize, f64)> {
+        self.slots.into_iter().zip([1.0, -1.0]).filter_map(|(slot, sign)| Some((slot?, sign)))
+    }
+}
+
+impl Linearised {
+    /// J (bones × 3 · markers) and r written out.
+    pub fn dense(&self, markers: usize) -> (DMatrix<f64>, DVector<f64>) {
+        let mut jacobian = DMatrix::zeros(self.rows.len(), 3 * markers);
+        for (r, row) in self.rows.iter().enumerate() {
+            for (slot, sign) in row.ends() {
+                for axis in 0..3 {
+                    jacobian[(r, 3 * slot + axis)] = sign * row.slope[axis];
+                }
+            }
+        }
+        (jacobian, DVector::from_iterator(self.rows.len(), self.rows.iter().map(|row| row.right)))
+    }
+}
+
+/// Linearises the bones of `group` at `positions` (m, one frame, relative to `centre`) plus `centre` (m).
 ///
 /// What is linearised is the length, `2 d √λ (‖xᵢ - xⱼ‖ - d)`, not its square: both agree to first order where the bone has its length,
 /// but away from there the square overshoots (from half the length to one and a quarter), and rounds of EM then swing to and fro.
 pub fn linearise(group: &Group, bones: &[LocalBone], positions: &[f64], centre: &[f64]) -> Linearised {
-    let stiffness = |bone: &LocalBone| 2.0 * bone.squared_length.sqrt() * bone.weight; // 1 / standard deviation of the length
-    let (jacobian, right) = tangents(group, bones, positions, centre, &|bone, squared| {
-        let length = squared.sqrt();
-        if length < 1e-6 {
-            return (0.0, 0.0); // two markers in one place have no direction; this round the bone says nothing
+    let at = |marker: usize, axis: usize| positions[3 * marker + axis] + centre[3 * marker + axis];
+    let mut log_scale = 0.0;
+    let mut rows = Vec::with_capacity(group.bones.len());
+    for &bone in group.bones.iter().map(|&k| &bones[k]) {
+        let wanted = bone.squared_length.sqrt();
+        let stiffness = 2.0 * wanted * bone.weight; // 1 / standard deviation of the length
+        log_scale -= stiffness.ln();
+        let along: [f64; 3] = std::array::from_fn(|axis| at(bone.a, axis) - at(bone.b, axis));
+        let length = along.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let slots = [bone.a, bone.b].map(|marker| group.markers.binary_search(&marker).ok());
+        // two markers in one place have no direction; this round the bone says nothing
+        let mut row = Row { bone, slots, slope: [0.0; 3], right: 0.0 };
+        if length >= 1e-6 {
+            row.slope = along.map(|x| x * stiffness / length);
+            row.right = (wanted - length) * stiffness;
+            for (slot, sign) in row.ends() {
+                for (axis, slope) in row.slope.iter().enumerate() {
+                    row.right += sign * slope * positions[3 * group.markers[slot] + axis];
+                }
+            }
         }
-        ((length - bone.squared_length.sqrt()) * stiffness(bone), stiffness(bone) / length)
-    });
-    let log_scale = -group.bones.iter().map(|&k| stiffness(&bones[k]).ln()).sum::<f64>();
-    Linearised { jacobian, right, log_scale }
+        rows.push(row);
+    }
+    Linearised { rows, log_scale }
 }
 
 /// `J x = r` for the missing markers of `group`, where each bone's row is the tangent at `positions` of what `row` says:
 /// given the bone and its squared length there, its residual, and the slope of that along `xᵢ - xⱼ` when `xᵢ` moves.
-fn tangents(
+pub(super) fn tangents(
     group: &Group,
     bones: &[LocalBone],
     positions: &[f64],
@@ -163,164 +211,138 @@ pub struct BoneEvidence {
     pub group: Group,
     /// The linearised bones.
     pub system: Linearised,
-    /// A, 3 · markers × H.
+    /// Aᵀ, H × 3 · markers.
     pub gain: DMatrix<f64>,
     /// k, 3 · markers.
-    pub offset: DVector<f64>,
+    pub offset: Vec<f64>,
     /// Trace of the 3 × 3 block of Σ - K J Σ of each marker, m².
     pub rest: Vec<f64>,
 }
 
 impl BoneEvidence {
-    /// What the linearised bones cost at `positions` (one frame, centred, m): ½ ‖J x - r‖².
+    /// What the linearised bones cost at `positions` (one frame, relative to `centre`, m): ½ ‖J x - r‖².
     pub fn linear_cost(&self, positions: &[f64]) -> f64 {
-        let x = DVector::from_iterator(
-            3 * self.group.markers.len(),
-            self.group.markers.iter().flat_map(|&i| positions[3 * i..3 * i + 3].iter().copied()),
-        );
-        0.5 * (&self.system.jacobian * x - &self.system.right).norm_squared()
+        let off = |row: &Row| {
+            let moved = row.ends().map(|(slot, sign)| {
+                let at = 3 * self.group.markers[slot];
+                sign * (0..3).map(|axis| row.slope[axis] * positions[at + axis]).sum::<f64>()
+            });
+            moved.sum::<f64>() - row.right
+        };
+        self.system.rows.iter().map(|row| 0.5 * off(row).powi(2)).sum()
+    }
+
+    /// What the bones themselves cost at `positions` plus `centre`: `½ Σ (2 d √λ (‖xᵢ - xⱼ‖ - d))²`.
+    pub fn cost(&self, positions: &[f64], centre: &[f64]) -> f64 {
+        let at = |marker: usize, axis: usize| positions[3 * marker + axis] + centre[3 * marker + axis];
+        let off = |bone: &LocalBone| {
+            let length = (0..3).map(|axis| (at(bone.a, axis) - at(bone.b, axis)).powi(2)).sum::<f64>().sqrt();
+            2.0 * bone.squared_length.sqrt() * bone.weight * (length - bone.squared_length.sqrt())
+        };
+        self.system.rows.iter().map(|row| 0.5 * off(&row.bone).powi(2)).sum()
     }
 }
 
-/// What the bones of a group cost at `positions`: `½ Σ (2 d √λ (‖xᵢ - xⱼ‖ - d))²`.
-pub fn cost(group: &Group, bones: &[LocalBone], positions: &[f64], centre: &[f64]) -> f64 {
-    let off = |bone: &LocalBone| {
-        let length = (0..3)
-            .map(|axis| {
-                (positions[3 * bone.a + axis] + centre[3 * bone.a + axis] - positions[3 * bone.b + axis] - centre[3 * bone.b + axis])
-                    .powi(2)
-            })
-            .sum::<f64>()
-            .sqrt();
-        2.0 * bone.squared_length.sqrt() * bone.weight * (length - bone.squared_length.sqrt())
-    };
-    group.bones.iter().map(|&k| 0.5 * off(&bones[k]).powi(2)).sum()
+/// Integrates the missing markers of `group` out of its linearised bones. `damping` is μ in 1/m², `anchor` (3 · markers) is x₀, relative to `centre` and d, m.
+/// `None` if S cannot be factorised, which takes positions that are not finite.
+///
+/// With `S = L Lᵀ`, everything follows from `p = L⁻¹ J G`, `w = L⁻¹ r` and `h = L⁻¹ J Σ`:
+/// the evidence is `pᵀp` and `pᵀw`, `A = G - hᵀp`, `k = hᵀw`, and what is left of Σ is `Σ - hᵀh`.
+/// Vectors over the states are contiguous, so that the loops over them are vector instructions.
+pub fn integrate(group: &Group, system: Linearised, model: &Model, damping: f64, anchor: &[f64]) -> Option<BoneEvidence> {
+    pulp::Arch::new().dispatch(|| integrate_inline(group, system, model, damping, anchor))
 }
 
-/// Integrates the missing markers of `group` out of its linearised bones. `damping` is μ in 1/m², `anchor` (3 · markers) is x₀, centred, m.
-/// `None` if S cannot be factorised, which takes positions that are not finite.
-pub fn integrate(group: &Group, system: Linearised, model: &Model, damping: f64, anchor: &[f64]) -> Option<BoneEvidence> {
+#[inline(always)]
+fn integrate_inline(group: &Group, system: Linearised, model: &Model, damping: f64, anchor: &[f64]) -> Option<BoneEvidence> {
     let unknowns = 3 * group.markers.len();
     let (rows, hidden) = (group.bones.len(), model.hidden());
     let free = |k: usize| model.marker_noise[group.markers[k / 3]];
     // with damping the marker's own distribution is N(G z, r) times N(x₀, 1/μ): a smaller variance, a mean between the two,
     // and the overlap of both, which speaks about z
-    let noise = |k: usize| 1.0 / (1.0 / free(k) + damping);
-    let own = DMatrix::from_fn(unknowns, hidden, |r, c| model.emission[(3 * group.markers[r / 3] + r % 3, c)]);
-    let mut emission = own.clone();
-    let mut lead = DVector::zeros(unknowns);
+    let noise: Vec<f64> = (0..unknowns).map(|k| 1.0 / (1.0 / free(k) + damping)).collect();
+    let mut gain = DMatrix::from_fn(hidden, unknowns, |h, k| model.emission[(3 * group.markers[k / 3] + k % 3, h)]);
+    let mut offset = vec![0.0; unknowns];
     let mut matrix = DMatrix::zeros(hidden, hidden);
     let mut vector = DVector::zeros(hidden);
     let mut constant = 0.0;
     if damping > 0.0 {
-        let mut pulled = own.clone();
-        let mut towards = DVector::zeros(unknowns);
         for k in 0..unknowns {
             let overlap = free(k) + 1.0 / damping;
-            emission.row_mut(k).scale_mut(noise(k) / free(k));
-            lead[k] = noise(k) * damping * anchor[k];
-            pulled.row_mut(k).scale_mut(1.0 / overlap);
-            towards[k] = anchor[k] / overlap;
-            constant += anchor[k] * towards[k] + (1.0 + damping * free(k)).ln();
-        }
-        matrix.gemm_tr(1.0, &own, &pulled, 1.0);
-        vector.gemv_tr(1.0, &own, &towards, 1.0);
-    }
-    let mut scaled = system.jacobian.transpose(); // Σ Jᵀ, 3k × bones
-    for mut column in scaled.column_iter_mut() {
-        for (k, value) in column.iter_mut().enumerate() {
-            *value *= noise(k);
+            let own = gain.column(k).into_owned();
+            add_square(&mut matrix, own.as_slice(), 1.0 / overlap);
+            vector.axpy(anchor[k] / overlap, &own, 1.0);
+            gain.column_mut(k).scale_mut(noise[k] / free(k));
+            offset[k] = noise[k] * damping * anchor[k];
+            constant += anchor[k] * anchor[k] / overlap + (1.0 + damping * free(k)).ln();
         }
     }
-    let mut spread = DMatrix::identity(rows, rows); // S
-    spread.gemm(1.0, &system.jacobian, &scaled, 1.0);
-    let factor = spread.cholesky()?;
-    let projected = &system.jacobian * &emission; // J G, bones × H
-    let mut right = system.right.clone();
-    right.gemv(-1.0, &system.jacobian, &lead, 1.0);
-    let whitened = factor.solve(&projected); // S⁻¹ J G
-    let pulled = factor.solve(&right); // S⁻¹ r
-    let log_determinant = 2.0 * (0..rows).map(|k| factor.l_dirty()[(k, k)].ln()).sum::<f64>();
-    constant += right.dot(&pulled) + log_determinant + rows as f64 * std::f64::consts::TAU.ln() + 2.0 * system.log_scale;
-    matrix.gemm_tr(1.0, &projected, &whitened, 1.0);
-    vector.gemv_tr(1.0, &projected, &pulled, 1.0);
-    let mut gain = emission;
-    gain.gemm(-1.0, &scaled, &whitened, 1.0);
-    let mut offset = lead;
-    offset.gemv(1.0, &scaled, &pulled, 1.0);
-    let mut half = scaled.transpose(); // J Σ, then L⁻¹ J Σ
-    factor.l_dirty().solve_lower_triangular_mut(&mut half);
-    let rest =
-        (0..group.markers.len()).map(|i| (3 * i..3 * i + 3).map(|k| (noise(k) - half.column(k).norm_squared()).max(0.0)).sum()).collect();
+    // one column per bone: what L⁻¹ acts on, (J G)ᵀ, then J Σ, then r
+    let tall = hidden + unknowns + 1;
+    let mut columns = vec![0.0; tall * rows];
+    let mut spread = vec![0.0; rows * rows]; // S, its lower half
+    let mut at_slot: Vec<Vec<(usize, [f64; 3])>> = vec![Vec::with_capacity(8); group.markers.len()];
+    for (r, (row, column)) in system.rows.iter().zip(columns.chunks_exact_mut(tall)).enumerate() {
+        column[tall - 1] = row.right;
+        spread[r * rows + r] = 1.0;
+        for (slot, sign) in row.ends() {
+            let slope = row.slope.map(|x| sign * x);
+            for (axis, along) in slope.iter().enumerate() {
+                let k = 3 * slot + axis;
+                axpy(&mut column[..hidden], *along, &gain.as_slice()[k * hidden..(k + 1) * hidden]);
+                column[hidden + k] = along * noise[k];
+                column[tall - 1] -= along * offset[k];
+            }
+            at_slot[slot].push((r, slope));
+            for (q, other) in &at_slot[slot] {
+                let shared: f64 = slope.iter().zip(other).map(|(x, y)| x * y).sum();
+                spread[q * rows + r] += shared * noise[3 * slot];
+            }
+        }
+    }
+    // S = L Lᵀ in place, and L⁻¹ on the columns
+    for c in 0..rows {
+        let (done, rest) = spread.split_at_mut((c + 1) * rows);
+        let own = &mut done[c * rows..];
+        let pivot = own[c];
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            return None;
+        }
+        constant += pivot.ln();
+        let scale = 1.0 / pivot.sqrt();
+        for x in &mut own[c..] {
+            *x *= scale;
+        }
+        let (done, after) = columns.split_at_mut((c + 1) * tall);
+        let column = &mut done[c * tall..];
+        for x in column.iter_mut() {
+            *x *= scale;
+        }
+        for (r, (other, below)) in (c + 1..).zip(after.chunks_exact_mut(tall).zip(rest.chunks_exact_mut(rows))) {
+            let share = own[r];
+            if share != 0.0 {
+                axpy(&mut below[r..], -share, &own[r..]);
+                axpy(other, -share, column);
+            }
+        }
+    }
+    constant += rows as f64 * std::f64::consts::TAU.ln() + 2.0 * system.log_scale;
+    let mut taken = vec![0.0; unknowns]; // the diagonal of hᵀh
+    for column in columns.chunks_exact(tall) {
+        let (pulled, rest) = column.split_at(hidden);
+        let right = rest[unknowns];
+        constant += right * right;
+        add_square(&mut matrix, pulled, 1.0);
+        axpy(vector.as_mut_slice(), right, pulled);
+        for (k, (&half, own)) in rest.iter().zip(gain.as_mut_slice().chunks_exact_mut(hidden)).enumerate() {
+            if half != 0.0 {
+                axpy(own, -half, pulled);
+                offset[k] += half * right;
+                taken[k] += half * half;
+            }
+        }
+    }
+    let rest = (0..group.markers.len()).map(|i| (3 * i..3 * i + 3).map(|k| (noise[k] - taken[k]).max(0.0)).sum()).collect();
     let evidence = BoneEvidence { matrix, vector, constant, group: group.clone(), system, gain, offset, rest };
     evidence.constant.is_finite().then_some(evidence)
-}
-
-/// The bone step of the imputing EM (the G-step of Algorithm 2): minimises
-/// `f(x) = ½ (x - x⁻)ᵀ Σ⁻¹ (x - x⁻) + Σ λ/2 (‖xᵢ - xⱼ‖² - d²)²` (Eq. 11) over the missing markers of `group`,
-/// by Gauss-Newton with step halving. `positions` (one frame, centred, m) holds the start and receives the result;
-/// `expected` is x⁻ = G E[z] (the whole frame).
-pub fn settle(group: &Group, bones: &[LocalBone], positions: &mut [f64], centre: &[f64], expected: &[f64], marker_noise: &[f64]) {
-    let mut value = penalty(group, bones, positions, centre, expected, marker_noise);
-    for _ in 0..20 {
-        // here the squares themselves: steps towards the least of something else would not end at the least of f
-        let (jacobian, right) =
-            tangents(group, bones, positions, centre, &|bone, squared| ((squared - bone.squared_length) * bone.weight, 2.0 * bone.weight));
-        let unknowns = 3 * group.markers.len();
-        let mut normal = jacobian.tr_mul(&jacobian);
-        let mut right = jacobian.tr_mul(&right);
-        for k in 0..unknowns {
-            let (marker, axis) = (group.markers[k / 3], k % 3);
-            normal[(k, k)] += 1.0 / marker_noise[marker];
-            right[k] += expected[3 * marker + axis] / marker_noise[marker];
-        }
-        let Some(target) = normal.cholesky().map(|c| c.solve(&right)) else { return };
-        let before: Vec<f64> = (0..unknowns).map(|k| positions[3 * group.markers[k / 3] + k % 3]).collect();
-        let mut share = 1.0;
-        let mut moved = 0.0f64;
-        loop {
-            for k in 0..unknowns {
-                positions[3 * group.markers[k / 3] + k % 3] = before[k] + share * (target[k] - before[k]);
-            }
-            let now = penalty(group, bones, positions, centre, expected, marker_noise);
-            if now <= value {
-                moved = (0..unknowns).fold(0.0, |most: f64, k| most.max((share * (target[k] - before[k])).abs()));
-                value = now;
-                break;
-            }
-            share *= 0.5;
-            if share < 1e-3 {
-                for k in 0..unknowns {
-                    positions[3 * group.markers[k / 3] + k % 3] = before[k];
-                }
-                break;
-            }
-        }
-        if moved < 1e-6 {
-            return;
-        }
-    }
-}
-
-/// f of Eq. 11 without its constant part.
-pub fn penalty(group: &Group, bones: &[LocalBone], positions: &[f64], centre: &[f64], expected: &[f64], marker_noise: &[f64]) -> f64 {
-    let mut sum = 0.0;
-    for &marker in &group.markers {
-        for axis in 0..3 {
-            let away = positions[3 * marker + axis] - expected[3 * marker + axis];
-            sum += 0.5 * away * away / marker_noise[marker];
-        }
-    }
-    for bone in group.bones.iter().map(|&k| &bones[k]) {
-        let squared: f64 = (0..3)
-            .map(|axis| {
-                let along =
-                    positions[3 * bone.a + axis] + centre[3 * bone.a + axis] - positions[3 * bone.b + axis] - centre[3 * bone.b + axis];
-                along * along
-            })
-            .sum();
-        let off = bone.weight * (squared - bone.squared_length);
-        sum += 0.5 * off * off;
-    }
-    sum
 }

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 /// What a generator is for.
 /// Each purpose draws from its own stream, so that a longer take has the same start and other gaps do not change the motion.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Stream {
+pub(crate) enum Stream {
     /// Body and placement of the markers.
     Actor = 1,
     /// The way of walking.
@@ -17,17 +17,19 @@ pub(super) enum Stream {
     Noise = 3,
     /// What is hidden.
     Gaps = 4,
+    /// Parameters that EM starts from.
+    Start = 5,
 }
 
 /// A generator of random numbers.
 #[derive(Clone, Debug)]
-pub(super) struct Random {
+pub(crate) struct Random {
     state: u64,
 }
 
 impl Random {
     /// A generator whose numbers depend on the seed and the purpose alone.
-    pub(super) fn new(seed: u64, stream: Stream) -> Self {
+    pub(crate) fn new(seed: u64, stream: Stream) -> Self {
         let mut random = Self { state: seed };
         let scattered = random.bits();
         random.state = scattered ^ (stream as u64).wrapping_mul(0xd134_2543_de82_ef95);
@@ -44,34 +46,34 @@ impl Random {
     }
 
     /// Uniform in `low..high`.
-    pub(super) fn between(&mut self, low: f64, high: f64) -> f64 {
+    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
         // 53 random bits, the width of the significand.
         let unit = (self.bits() >> 11) as f64 / (1_u64 << 53) as f64;
         low + (high - low) * unit
     }
 
     /// A whole number in `low..high`; `low` if the range is empty.
-    pub(super) fn whole(&mut self, low: usize, high: usize) -> usize {
+    pub(crate) fn whole(&mut self, low: usize, high: usize) -> usize {
         let drawn = self.between(low as f64, high as f64) as usize;
         drawn.min(high.saturating_sub(1)).max(low)
     }
 
     /// Normal with mean 0 and standard deviation 1 (Box and Muller, 1958).
-    pub(super) fn normal(&mut self) -> f64 {
+    pub(crate) fn normal(&mut self) -> f64 {
         // 1 - u is in (0, 1], so the logarithm is finite.
         let radius = (-2.0 * (1.0 - self.between(0.0, 1.0)).ln()).sqrt();
         radius * (TAU * self.between(0.0, 1.0)).cos()
     }
 
     /// Three normal numbers.
-    pub(super) fn normal3(&mut self) -> [f64; 3] {
+    pub(crate) fn normal3(&mut self) -> [f64; 3] {
         std::array::from_fn(|_| self.normal())
     }
 }
 
 /// A smooth curve without beginning or end that wanders around 0 with standard deviation 1: a few sines of unrelated frequencies.
 #[derive(Clone, Debug)]
-pub(super) struct Wander {
+pub(crate) struct Wander {
     waves: [(f64, f64); Self::WAVES],
 }
 
@@ -79,12 +81,12 @@ impl Wander {
     const WAVES: usize = 4;
 
     /// A curve that goes up and down about `frequency` times per unit of its argument.
-    pub(super) fn new(random: &mut Random, frequency: f64) -> Self {
+    pub(crate) fn new(random: &mut Random, frequency: f64) -> Self {
         Self { waves: std::array::from_fn(|_| (TAU * frequency * random.between(0.5, 1.5), random.between(0.0, TAU))) }
     }
 
     /// The value at `x`.
-    pub(super) fn at(&self, x: f64) -> f64 {
+    pub(crate) fn at(&self, x: f64) -> f64 {
         let sum: f64 = self.waves.iter().map(|(pace, start)| (pace * x + start).sin()).sum();
         sum * (2.0 / Self::WAVES as f64).sqrt()
     }
