@@ -32,3 +32,7 @@ paper:
 # What a round of EM costs beside the two matrix products that it cannot do without, on one core
 bench-em:
     cargo bench --bench em
+
+# What the parts of the solvers cost
+bench:
+    cargo bench --bench parts

@@ -275,6 +275,7 @@ impl RepairArgs {
                 StepArg::GaussNewton if self.as_printed => BoneStep::Frame,
                 StepArg::GaussNewton => BoneStep::Coupled,
             },
+            constant: !self.as_printed,
         }
     }
 

@@ -41,20 +41,22 @@ pub struct Settings {
     pub init: Init,
     /// How the fill is made to keep the bones.
     pub step: BoneStep,
+    /// True to learn a constant term, which the paper's model lacks.
+    pub constant: bool,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        let Options { hidden, e_step, noise, start, init, step, .. } = Options::default();
-        Self { hidden, lambda: None, e_step, noise, start, init, step }
+        let Options { hidden, e_step, noise, start, init, step, constant, .. } = Options::default();
+        Self { hidden, lambda: None, e_step, noise, start, init, step, constant }
     }
 }
 
 impl Settings {
     /// Those of the EM solver.
     fn options(&self, constraint: Constraint) -> Options {
-        let Self { hidden, e_step, noise, start, init, step, .. } = *self;
-        Options { hidden, constraint, e_step, noise, start, init, step }
+        let Self { hidden, e_step, noise, start, init, step, constant, .. } = *self;
+        Options { hidden, constraint, e_step, noise, start, init, step, constant }
     }
 }
 

@@ -31,7 +31,7 @@ impl<'a> Msvd<'a> {
     /// A solver that keeps as many directions as `hidden` says; `start` is the first fill, straight lines unless it is zero.
     pub fn new(problem: &'a Problem, hidden: Hidden, start: Start) -> Self {
         let body = BodyFrames::find(problem);
-        let table = Table::new(problem, &body, &[], &vec![Vec::new(); problem.markers()]);
+        let table = Table::new(problem, &body, &[], &vec![Vec::new(); problem.markers()], true);
         let filled = if start == Start::Zero { table.values.clone() } else { interpolated(problem, &table.values) };
         let hidden = match hidden {
             // with every direction kept nothing would ever move

@@ -7,37 +7,17 @@
 #![allow(clippy::print_stdout)] // a benchmark prints
 #![allow(clippy::unwrap_used)] // and may fail loudly
 
-use formats::{Take, TakeBuilder};
-use mocap_repair::demo::{hide, walk};
+mod takes;
+
+use formats::Take;
 use mocap_repair::solve::lds::{Hidden, Lds, Options};
 use mocap_repair::solve::{Problem, Solver};
 use nalgebra::DMatrix;
 use std::hint::black_box;
 use std::time::Instant;
+use takes::{one_gap, scatter};
 
 const HIDDEN: usize = 16;
-
-/// 15 % of the samples in gaps of 60 frames on average, from a fixed sequence of numbers.
-fn scatter(take: &Take) -> Take {
-    let (frames, markers) = (take.frames(), take.markers.len());
-    let mut out = TakeBuilder::from(take.clone());
-    let mut state = 42u64;
-    let mut unit = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 11) as f64 / (1u64 << 53) as f64
-    };
-    let mut hidden = 0;
-    while hidden * 100 < 15 * frames * markers {
-        let length = (-60.0 * (1.0 - unit()).ln()).clamp(3.0, frames as f64 / 3.0) as usize;
-        let from = (unit() * (frames - length) as f64) as usize;
-        let marker = (unit() * markers as f64) as usize;
-        for t in from..from + length {
-            out.hide(t, marker);
-        }
-        hidden += length;
-    }
-    out.build()
-}
 
 /// The middle of some numbers.
 fn median(mut values: Vec<f64>) -> f64 {
@@ -79,16 +59,14 @@ fn main() {
     let mut per_frame = Vec::new();
     for frames in [150usize, 1500, 15_000, 100_000] {
         let rounds = (60_000 / frames).clamp(5, 100);
-        let whole = walk(frames, 120.0, 1);
-        let marker = whole.markers[20].name().to_owned();
-        let (em, gemm) = time(&hide(&whole, &marker, frames / 2 - 30..frames / 2 + 30), rounds);
+        let (em, gemm) = time(&one_gap(frames), rounds);
         println!(
             "T = {frames:6}  one gap    {:9.3} ms per round, products {:8.3} ms  em_over_gemm = {:.2}",
             em * 1e3,
             gemm * 1e3,
             em / gemm
         );
-        let (scattered, gemm) = time(&scatter(&whole), rounds);
+        let (scattered, gemm) = time(&scatter(frames), rounds);
         println!(
             "T = {frames:6}  scattered  {:9.3} ms per round, products {:8.3} ms  em_over_gemm_scattered = {:.2}",
             scattered * 1e3,

@@ -123,7 +123,7 @@ fn no_small_change_of_a_parameter_beats_the_m_step() {
         let before = chance.model(hidden, markers);
         let moments = Moments::new(&before, &table(&mut chance, markers, frames, missing));
         let mut found = before.clone();
-        maximise(&mut found, &moments.smoothed, &moments.of, Noise::Diagonal).unwrap();
+        maximise(&mut found, &moments.smoothed, &moments.of, Noise::Diagonal, true).unwrap();
         let best = moments.expected(&found);
         assert!(best > moments.expected(&before), "case {seed}: the M-step gains nothing");
         for _ in 0..60 {
@@ -167,7 +167,7 @@ fn a_single_frame_leaves_the_dynamics_alone() {
     let before = chance.model(2, 2);
     let moments = Moments::new(&before, &table(&mut chance, 2, 1, 0.0));
     let mut found = before.clone();
-    maximise(&mut found, &moments.smoothed, &moments.of, Noise::Diagonal).unwrap();
+    maximise(&mut found, &moments.smoothed, &moments.of, Noise::Diagonal, true).unwrap();
     assert_eq!((found.transition, found.state_noise), (before.transition, before.state_noise));
     assert_eq!(found.initial_mean, moments.smoothed.means.column(0));
 }

@@ -35,11 +35,11 @@ const LEAST_STATE_NOISE: f64 = 1e-9;
 
 /// New parameters from the moments.
 /// With G goes the constant term `d` of `x = G z + d`. Eq. 3 has none: the paper centres complete data.
-/// With missing data the mean of what was seen is not the centre, and a marker hidden in one phase of a movement would be pulled towards the others.
+/// With missing data the mean of what was seen is not the centre, and a marker hidden in one phase of a movement would be pulled towards the others. Without `constant` there is none, as printed.
 ///
 /// # Errors
 /// The states do not span the hidden space, which takes numbers that are not finite.
-pub fn maximise(model: &mut Model, smoothed: &Smoothed, moments: &Moments, noise: Noise) -> Result<(), SolveError> {
+pub fn maximise(model: &mut Model, smoothed: &Smoothed, moments: &Moments, noise: Noise, constant: bool) -> Result<(), SolveError> {
     let frames = smoothed.means.ncols();
     let broken = |what: &str| SolveError::Numerical(format!("{what} is not positive definite"));
     let mut states = outer(smoothed.means.as_view(), smoothed.means.as_view()); // Σ E[z zᵀ] over all frames
@@ -63,8 +63,9 @@ pub fn maximise(model: &mut Model, smoothed: &Smoothed, moments: &Moments, noise
     model.initial_mean = smoothed.means.column(0).into_owned(); // Eq. 31
     model.initial_covariance = shaped(smoothed.covariance_of(0), noise); // Eq. 32
     // emission: the regression of x on (z, 1), with the column of ones taken out: moments about the means
-    let state_mean = smoothed.means.column_sum() / frames as f64;
-    let column_mean = &moments.sum / frames as f64;
+    let share = if constant { 1.0 / frames as f64 } else { 0.0 }; // without a constant term nothing is taken out
+    let state_mean = smoothed.means.column_sum() * share;
+    let column_mean = &moments.sum * share;
     let mut cross = moments.cross.clone();
     states.ger(-(frames as f64), &state_mean, &state_mean, 1.0);
     cross.ger(-(frames as f64), &column_mean, &state_mean, 1.0);

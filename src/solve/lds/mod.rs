@@ -98,6 +98,8 @@ pub struct Options {
     pub init: Init,
     /// How the fill is made to keep the bones.
     pub step: BoneStep,
+    /// True to measure positions from each coordinate's mean and to learn a constant term, which Eq. 3 lacks.
+    pub constant: bool,
 }
 
 impl Default for Options {
@@ -110,6 +112,7 @@ impl Default for Options {
             start: Start::Model,
             init: Init::Components,
             step: BoneStep::Coupled,
+            constant: true,
         }
     }
 }
@@ -156,7 +159,7 @@ impl<'a> Lds<'a> {
         let body = BodyFrames::find(problem);
         let bones = local_bones(problem, options.constraint);
         let incidence = bones::incidence(&bones, problem.markers());
-        let table = Table::new(problem, &body, &bones, &incidence);
+        let table = Table::new(problem, &body, &bones, &incidence, options.constant);
         let hidden = match options.hidden {
             Hidden::Count(count) => Hidden::Count(count.min(3 * problem.markers()).min(problem.frames().max(1)).max(1)),
             energy @ Hidden::Energy(_) => energy,
@@ -333,10 +336,10 @@ impl Solver for Lds<'_> {
             self.judge(&spoken);
             self.fill(&smoothed);
             let model = self.model.clone();
-            em::maximise(&mut self.model, &smoothed, &found.moments, self.options.noise)?;
+            em::maximise(&mut self.model, &smoothed, &found.moments, self.options.noise, self.options.constant)?;
             self.last = Some((model, smoothed.means));
         } else {
-            em::maximise(&mut self.model, &smoothed, &found.moments, self.options.noise)?;
+            em::maximise(&mut self.model, &smoothed, &found.moments, self.options.noise, self.options.constant)?;
             self.fill(&smoothed);
             for (k, &(t, i)) in self.problem.missing.iter().enumerate() {
                 let emission = self.model.emission.rows(3 * i, 3);

@@ -40,8 +40,8 @@ pub struct Table {
 }
 
 impl Table {
-    /// Turns the problem into the body's coordinates. `bones` and `incidence` (bones at each marker) make the groups.
-    pub fn new(problem: &Problem, body: &BodyFrames, bones: &[LocalBone], incidence: &[Vec<usize>]) -> Self {
+    /// Turns the problem into the body's coordinates, measured from the mean of each if `centred`. `bones` and `incidence` (bones at each marker) make the groups.
+    pub fn new(problem: &Problem, body: &BodyFrames, bones: &[LocalBone], incidence: &[Vec<usize>], centred: bool) -> Self {
         let (frames, markers) = (problem.frames(), problem.markers());
         let mut values = DMatrix::zeros(3 * markers, frames);
         let mut centre = vec![0.0; 3 * markers];
@@ -59,7 +59,7 @@ impl Table {
             }
         }
         for (k, sum) in centre.iter_mut().enumerate() {
-            *sum /= seen[k / 3].max(1) as f64;
+            *sum = if centred { *sum / seen[k / 3].max(1) as f64 } else { 0.0 };
         }
         let mut sums = DVector::zeros(3 * markers);
         let mut squares = vec![0.0; markers];
