@@ -5,6 +5,7 @@
 
 use crate::solve::Bone;
 use formats::{Role, Take};
+use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::fmt::Write;
 
@@ -38,8 +39,9 @@ pub fn find(take: &Take, include: &[bool]) -> Vec<Bone> {
     let stride = (take.frames() / FRAMES_LOOKED_AT).max(1);
     let tracks: Vec<Vec<Option<[f64; 3]>>> =
         markers.iter().map(|&m| (0..take.frames()).step_by(stride).map(|f| take.position_mm(f, m)).collect()).collect();
-    let mut candidates: Vec<(f64, Bone)> = Vec::new();
-    for (k, (&a, track_a)) in markers.iter().zip(&tracks).enumerate() {
+    let pairs = |k: usize| -> Vec<(f64, Bone)> {
+        let (a, track_a) = (markers[k], &tracks[k]);
+        let mut own = Vec::new();
         for (&b, track_b) in markers.iter().zip(&tracks).skip(k + 1) {
             let thin = distances(track_a, track_b);
             // rarely seen together: then every frame counts
@@ -47,10 +49,12 @@ pub fn find(take: &Take, include: &[bool]) -> Vec<Bone> {
             let Some((length_mm, spread_mm)) = measured else { continue };
             let stiff = spread_mm <= (MOST_RELATIVE_SPREAD * length_mm).clamp(2.0, MOST_SPREAD_MM);
             if stiff && length_mm <= MOST_LENGTH_MM && length_mm > 0.0 {
-                candidates.push((spread_mm + LENGTH_COST * length_mm, Bone { a, b, length_mm, spread_mm }));
+                own.push((spread_mm + LENGTH_COST * length_mm, Bone { a, b, length_mm, spread_mm }));
             }
         }
-    }
+        own
+    };
+    let mut candidates: Vec<(f64, Bone)> = (0..markers.len()).into_par_iter().flat_map_iter(pairs).collect();
     candidates.sort_by(|x, y| x.0.total_cmp(&y.0).then((x.1.a, x.1.b).cmp(&(y.1.a, y.1.b))));
     let mut chosen = BTreeSet::new();
     let mut tree: Vec<usize> = (0..take.markers.len()).collect(); // union-find

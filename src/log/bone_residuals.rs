@@ -4,6 +4,7 @@
 //! Frames in which both ends were observed would only dilute the number, and no solver may change them.
 
 use crate::solve::{Bone, Estimate, Problem};
+use rayon::prelude::*;
 use std::collections::BTreeSet;
 
 /// Where the ends of a bone are found in a frame. Numbers are places in [`Problem::missing`], which also knows the frame.
@@ -19,7 +20,7 @@ enum Touched {
 
 /// The bones of a problem, each with the frames that an estimate can touch.
 ///
-/// Made once for a problem and asked after every step: asking costs one distance for each touched frame and allocates nothing.
+/// Made once for a problem and asked after every step: asking costs one distance for each touched frame.
 #[derive(Debug)]
 pub struct BoneResiduals {
     bones: Vec<Judged>,
@@ -80,7 +81,7 @@ impl BoneResiduals {
 
     /// The residual of every bone, in the order of [`Problem::bones`]. `problem` is the one that `self` was made for.
     pub fn of<'a>(&'a self, problem: &'a Problem, estimate: &'a Estimate) -> impl Iterator<Item = Residual<'a>> {
-        self.bones.iter().map(move |judged| {
+        let judge = |judged: &'a Judged| {
             let (mut sum, mut max_mm, mut frames) = (0.0, 0.0, 0);
             for touched in &judged.touched {
                 if let Some(distance_mm) = distance_mm(problem, estimate, &judged.bone, *touched) {
@@ -92,7 +93,8 @@ impl BoneResiduals {
             }
             let rms_mm = if frames == 0 { 0.0 } else { (sum / f64::from(frames)).sqrt() };
             Residual { label: &judged.label, bone: &judged.bone, rms_mm, max_mm, frames }
-        })
+        };
+        self.bones.par_iter().map(judge).collect::<Vec<_>>().into_iter()
     }
 }
 

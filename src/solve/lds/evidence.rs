@@ -52,16 +52,19 @@ impl Lds<'_> {
         let mut of = table.pattern_of.clone();
         let mut spoken: Spoken = Vec::new();
         if self.bones_speak() {
-            spoken = (0..frames).into_par_iter().map(|t| self.speak(t)).collect();
+            let speak = |t: usize| {
+                let mut said = self.speak(t)?;
+                said.matrix += &matrices[of[t] as usize];
+                Some(said)
+            };
+            spoken = (0..frames).into_par_iter().map(speak).collect();
             for (t, said) in spoken.iter_mut().enumerate() {
                 let Some(said) = said else { continue };
-                let mut own = std::mem::take(&mut said.matrix);
-                own += &matrices[of[t] as usize];
                 let mut vector = vectors.column_mut(t);
                 vector += &said.vector;
                 constant += said.constant;
                 of[t] = matrices.len() as u32;
-                matrices.push(own);
+                matrices.push(std::mem::take(&mut said.matrix)); // together with what was seen, all that the frame says
             }
         }
         (Evidence { matrices, of, vectors, constant }, spoken)

@@ -188,9 +188,7 @@ impl<'a> Lds<'a> {
             last: None,
             estimate: Estimate::open(problem.missing.len()),
         };
-        for k in 0..problem.missing.len() {
-            lds.publish(k, f64::NAN);
-        }
+        lds.publish(None);
         lds
     }
 
@@ -224,16 +222,27 @@ impl<'a> Lds<'a> {
         !self.bones.is_empty() && self.options.e_step == EStep::Exact && self.options.step == BoneStep::Coupled
     }
 
-    /// Copies the fill of a missing sample into the estimate; returns how far it moved, mm.
-    fn publish(&mut self, k: usize, variance: f64) -> f64 {
-        let (t, i) = self.problem.missing[k];
-        let local: [f64; 3] = std::array::from_fn(|axis| (self.fill[k][axis] + self.table.centre[3 * i + axis]) * 1000.0);
-        let world = self.frames.to_world(t, local);
-        let before = self.estimate.positions_mm[k];
-        self.estimate.positions_mm[k] = world;
-        self.estimate.sigma_mm[k] = variance.sqrt() * 1000.0;
-        let moved: f64 = (0..3).map(|axis| (world[axis] - before[axis]).powi(2)).sum();
-        if moved.is_finite() { moved.sqrt() } else { 0.0 }
+    /// Copies the fill into the estimate, with new variances (m²) if there are any. Returns the largest and the root mean square move, mm.
+    fn publish(&mut self, variances: Option<&[f64]>) -> (f64, f64) {
+        let place = |k: usize| {
+            let (t, i) = self.problem.missing[k];
+            self.frames.to_world(t, std::array::from_fn(|axis| (self.fill[k][axis] + self.table.centre[3 * i + axis]) * 1000.0))
+        };
+        let samples = self.fill.len();
+        let places: Vec<[f64; 3]> = (0..samples).into_par_iter().with_min_len(256).map(place).collect();
+        let (mut largest, mut squares) = (0.0f64, 0.0);
+        for (place, before) in places.iter().zip(&self.estimate.positions_mm) {
+            let moved: f64 = place.iter().zip(before).map(|(now, before)| (now - before).powi(2)).sum();
+            if moved.is_finite() {
+                largest = largest.max(moved.sqrt());
+                squares += moved;
+            }
+        }
+        self.estimate.positions_mm = places;
+        if let Some(variances) = variances {
+            self.estimate.sigma_mm = variances.iter().map(|v| v.sqrt() * 1000.0).collect();
+        }
+        (largest, (squares / samples.max(1) as f64).sqrt())
     }
 
     /// One frame relative to d, in m: what was seen, and `missing` (one for each missing sample of the take) for what was not.
@@ -331,7 +340,6 @@ impl Solver for Lds<'_> {
         let log_likelihood = smoothed.log_likelihood;
         let found = self.expect(&smoothed, &spoken);
         let mut variances = found.variances;
-        let samples = self.problem.missing.len();
         if self.options.e_step == EStep::Exact {
             self.judge(&spoken);
             self.fill(&smoothed);
@@ -349,18 +357,14 @@ impl Solver for Lds<'_> {
         for (k, centre) in self.centre.iter_mut().enumerate() {
             *centre = self.table.centre[k] + self.model.offset[k];
         }
-        let (mut largest_move_mm, mut squares) = (0.0f64, 0.0);
-        for (k, &variance) in variances.iter().enumerate() {
-            let moved = self.publish(k, variance);
-            largest_move_mm = largest_move_mm.max(moved);
-            squares += moved * moved;
-        }
+        spoken.into_par_iter().for_each(drop); // a hundred thousand small matrices
+        let (largest_move_mm, rms_move_mm) = self.publish(Some(&variances));
         Ok(Progress {
             log_likelihood: Some(log_likelihood),
             rms_residual_mm: Some(found.rms_residual_mm),
             largest_move_mm,
-            rms_move_mm: (squares / samples.max(1) as f64).sqrt(),
-            done: samples == 0,
+            rms_move_mm,
+            done: self.problem.missing.is_empty(),
         })
     }
 
@@ -372,11 +376,7 @@ impl Solver for Lds<'_> {
         let Some((model, states)) = self.last.take() else { return };
         self.step_bones(&model, &states);
         self.last = Some((model, states));
-        for k in 0..self.problem.missing.len() {
-            let sigma_mm = self.estimate.sigma_mm[k];
-            self.publish(k, (sigma_mm / 1000.0).powi(2));
-            self.estimate.sigma_mm[k] = sigma_mm;
-        }
+        self.publish(None);
     }
 
     fn unmet(&self) -> Option<Unmet> {
