@@ -87,12 +87,12 @@ fn shared_covariances_are_those_of_every_frame() {
         let shared = smooth(&model, said).unwrap();
         assert!(every.distinct() == 300 && shared.distinct() < 200, "{}", shared.distinct());
         let case = format!("gap {gap:?}");
-        near(&format!("{case}: log-likelihood"), shared.log_likelihood, every.log_likelihood, 1e-11);
-        all_near(&format!("{case}: means"), &shared.means, &every.means, 1e-10);
-        all_near(&format!("{case}: sum of the covariances"), &shared.covariance, &every.covariance, 1e-10);
-        all_near(&format!("{case}: lagged covariances"), &shared.lagged, &every.lagged, 1e-10);
+        near(&format!("{case}: log-likelihood"), shared.log_likelihood, every.log_likelihood, 1e-10);
+        all_near(&format!("{case}: means"), &shared.means, &every.means, 1e-8);
+        all_near(&format!("{case}: sum of the covariances"), &shared.covariance, &every.covariance, 1e-8);
+        all_near(&format!("{case}: lagged covariances"), &shared.lagged, &every.lagged, 1e-8);
         for t in 0..300 {
-            all_near(&format!("{case}: covariance of frame {t}"), shared.covariance_of(t), every.covariance_of(t), 1e-10);
+            all_near(&format!("{case}: covariance of frame {t}"), shared.covariance_of(t), every.covariance_of(t), 1e-8);
         }
     }
 }
