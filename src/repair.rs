@@ -4,7 +4,7 @@ use crate::bones::{self, BonesError};
 use crate::gaps::{Open, Policy, gaps};
 use crate::log::{About, Closing, LogError, McapLog};
 use crate::report::{GapReport, Report, StageReport};
-use crate::solve::lds::{EStep, Hidden};
+use crate::solve::lds::{EStep, Hidden, Init};
 use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Stop, run};
 use crate::verify::{Broken, verify};
 use crate::{fills, staging};
@@ -496,6 +496,17 @@ impl Request {
             ),
             ("lambda".to_owned(), self.settings.lambda.map_or_else(|| "spread".to_owned(), |l| l.to_string())),
             ("e_step".to_owned(), if self.settings.e_step == EStep::Imputing { "imputing" } else { "exact" }.to_owned()),
+            ("start".to_owned(), format!("{:?}", self.settings.start).to_lowercase()),
+            (
+                "init".to_owned(),
+                match self.settings.init {
+                    Init::Components => "pca".to_owned(),
+                    Init::Random(seed) => format!("random {seed}"),
+                },
+            ),
+            ("noise".to_owned(), format!("{:?}", self.settings.noise).to_lowercase()),
+            ("step".to_owned(), format!("{:?}", self.settings.step).to_lowercase()),
+            ("constant_term".to_owned(), self.settings.constant.to_string()),
             ("iterations".to_owned(), self.iterations.to_string()),
             ("tolerance".to_owned(), self.tolerance.to_string()),
             ("extrapolate".to_owned(), self.policy.extrapolate.to_string()),

@@ -3,7 +3,7 @@
 use crate::fills::Filled;
 use crate::gaps::Open;
 use crate::repair::{Opened, Request};
-use crate::solve::{Bone, Gap, Outcome, Solver, Stop, Unmet};
+use crate::solve::{Bone, Gap, Method, Outcome, Solver, Stop};
 use formats::{Note, Origin, Take};
 use serde::Serialize;
 use std::fmt::Write;
@@ -71,9 +71,6 @@ pub struct StageReport {
     /// Root mean square distance between observed samples and model, mm, if the method has one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rms_residual_mm: Option<f64>,
-    /// Hard bone lengths that could not be kept, if the method has any.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub unmet: Option<Unmet>,
 }
 
 impl StageReport {
@@ -85,7 +82,6 @@ impl StageReport {
             iterations: outcome.steps,
             log_likelihood: outcome.last.and_then(|p| p.log_likelihood),
             rms_residual_mm: outcome.last.and_then(|p| p.rms_residual_mm),
-            unmet: solver.unmet(),
         }
     }
 }
@@ -101,6 +97,23 @@ pub struct BoneJudgement {
     pub worst_bone: String,
     /// The same root mean square over the frames in which both ends were measured, mm.
     pub measured_rms_mm: f64,
+    /// What a method that promises exact lengths could not keep; absent for other methods.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub unmet: Option<Unmet>,
+}
+
+/// Hard constraints that could not be met, because they contradict each other or what was seen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct Unmet {
+    /// Number of bone lengths, frame by frame, that are off by more than [`Unmet::LEAST_MM`].
+    pub lengths: usize,
+    /// Number of frames in which one of them is.
+    pub frames: usize,
+}
+
+impl Unmet {
+    /// A length that is off by less than this counts as kept, in mm.
+    pub const LEAST_MM: f64 = 0.01;
 }
 
 /// What a repair did.
@@ -174,14 +187,20 @@ impl Report {
     pub fn judge_bones(&mut self, bones: &[Bone], take: &Take) {
         let (mut sum, mut count, mut worst) = (0.0, 0usize, (0.0f64, None));
         let (mut measured_sum, mut measured_count) = (0.0, 0usize);
+        let mut unmet = Unmet::default();
+        let mut broken = vec![false; take.frames()];
         for bone in bones {
-            for frame in 0..take.frames() {
+            for (frame, broken) in broken.iter_mut().enumerate() {
                 let (Some(a), Some(b)) = (take.position_mm(frame, bone.a), take.position_mm(frame, bone.b)) else { continue };
                 let length = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
                 let off = (length - bone.length_mm).abs();
                 if [bone.a, bone.b].iter().any(|&m| take.origin(frame, m) == Origin::Repaired) {
                     sum += off * off;
                     count += 1;
+                    if off > Unmet::LEAST_MM {
+                        unmet.lengths += 1;
+                        *broken = true;
+                    }
                     if off > worst.0 {
                         worst = (off, Some(bone));
                     }
@@ -191,12 +210,19 @@ impl Report {
                 }
             }
         }
+        unmet.frames = broken.iter().filter(|b| **b).count();
         self.bone_judgement = (count > 0).then(|| BoneJudgement {
             rms_mm: (sum / count as f64).sqrt(),
             worst_mm: worst.0,
             worst_bone: worst.1.map(|b| format!("{}-{}", take.display_label(b.a), take.display_label(b.b))).unwrap_or_default(),
             measured_rms_mm: (measured_sum / measured_count.max(1) as f64).sqrt(),
+            unmet: (self.method == Method::BoleroHc.name()).then_some(unmet),
         });
+    }
+
+    /// Hard bones that were not kept, if any.
+    fn unmet(&self) -> Option<Unmet> {
+        self.bone_judgement.as_ref().and_then(|judged| judged.unmet).filter(|unmet| unmet.lengths > 0)
     }
 
     fn open_gaps(&self) -> impl Iterator<Item = &GapReport> {
@@ -210,8 +236,7 @@ impl Report {
 
     /// 0 if every gap is filled and nothing was assumed or lost, else 3. (Errors have their own codes.)
     pub fn exit_code(&self) -> u8 {
-        let broken = |s: &StageReport| s.unmet.is_some_and(|unmet| unmet.lengths > 0);
-        let unsettled = self.stages.iter().any(|s| s.stop != Stop::Converged.word() || broken(s));
+        let unsettled = self.stages.iter().any(|s| s.stop != Stop::Converged.word()) || self.unmet().is_some();
         let matters = self.notes.iter().any(Note::matters);
         if self.open_gaps().next().is_some() || unsettled || matters || self.log_error.is_some() { 3 } else { 0 }
     }
@@ -344,16 +369,9 @@ impl Report {
             if let (Some(worst), Some(median)) = (sigmas.last(), sigmas.get(sigmas.len() / 2)) {
                 line("expected", format!("error {median:.1} mm (median), {worst:.1} mm (worst)"));
             }
-            if let Some(unmet) = self.stages.iter().find_map(|s| s.unmet).filter(|unmet| unmet.lengths > 0) {
-                line(
-                    "not kept",
-                    format!(
-                        "{} in {}, by {:.2} mm at worst: they contradict each other or what was seen",
-                        count(unmet.lengths, "bone length"),
-                        count(unmet.frames, "frame"),
-                        unmet.worst_mm
-                    ),
-                );
+            if let Some(unmet) = self.unmet() {
+                let (lengths, frames) = (count(unmet.lengths, "bone length"), count(unmet.frames, "frame"));
+                line("not kept", format!("{lengths} in {frames}: they contradict each other or what was seen"));
             }
             if let Some(judged) = &self.bone_judgement {
                 line(

@@ -71,27 +71,6 @@ pub trait Solver {
 
     /// Last touches to the estimate that would cost too much in every round. [`run`] calls it once, after the last step and before observers hear of that step.
     fn conclude(&mut self) {}
-
-    /// Which hard constraints the estimate does not meet; `None` for methods without any.
-    fn unmet(&self) -> Option<Unmet> {
-        None
-    }
-}
-
-/// Hard constraints that could not be met, because they contradict each other or what was seen.
-#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
-pub struct Unmet {
-    /// Number of bone lengths, frame by frame, that are off by more than [`Unmet::LEAST_MM`].
-    pub lengths: usize,
-    /// Number of frames in which one of them is.
-    pub frames: usize,
-    /// The largest violation, in mm.
-    pub worst_mm: f64,
-}
-
-impl Unmet {
-    /// A length that is off by less than this counts as met, in mm.
-    pub const LEAST_MM: f64 = 0.01;
 }
 
 /// When to stop.

@@ -301,3 +301,33 @@ fn the_input_is_never_touched() {
     assert!(lab.read("walk-gaps.c3d") == bytes);
     assert_eq!((after.modified().unwrap(), after.permissions().readonly()), (modified, true));
 }
+
+/// Two bones from one missing marker to seen ones leave it a circle: hard bones are exact there. Contradicting ones are said to be.
+#[test]
+fn hard_bones_are_exact_or_said_not_to_be() {
+    let lab = Lab::new();
+    lab.write("two.csv", "marker,marker\nLTHI,LKNE\nLKNE,LSHN\n");
+    let take = |name: &str| lab.take(name);
+    let ran = lab.run(&["walk-gaps.c3d", "-o", "hard.c3d", "--method", "bolero-hc", "--bones", "two.csv"]).with_code(0);
+    assert!(!ran.out.contains("not kept"), "{}", ran.out);
+    let printed = lab.run(&["walk-gaps.c3d", "-o", "frames.c3d", "--method", "bolero-hc", "--bones", "two.csv", "--as-printed", "--force"]);
+    assert!(printed.code == 0 || printed.code == 3, "{}", printed.err);
+    for name in ["hard.c3d", "frames.c3d"] {
+        let (before, after) = (take("walk-gaps.c3d"), take(name));
+        for (a, b) in [("LTHI", "LKNE"), ("LKNE", "LSHN")] {
+            let (a, b) = (column(&after, a), column(&after, b));
+            let length = |frame: usize, take: &Take| {
+                let (p, q) = (take.position_mm(frame, a)?, take.position_mm(frame, b)?);
+                Some((0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>().sqrt())
+            };
+            let filled: Vec<f64> =
+                (0..after.frames()).filter(|&f| length(f, &before).is_none()).filter_map(|f| length(f, &after)).collect();
+            assert!(filled.len() > 10, "{name}: {}", filled.len());
+            let (least, most) = filled.iter().fold((f64::INFINITY, 0.0f64), |(l, m), x| (l.min(*x), m.max(*x)));
+            assert!(most - least < 0.02, "{name}: from {least} to {most} mm");
+        }
+    }
+    lab.write("torn.csv", "marker,marker,length\nLTHI,LKNE,300\nLTHI,LSHN,20\nLKNE,LSHN,500\n");
+    let ran = lab.run(&["walk-gaps.c3d", "-o", "torn.c3d", "--method", "bolero-hc", "--bones", "torn.csv"]).with_code(3);
+    assert!(ran.out.contains("not kept"), "{}", ran.out);
+}

@@ -20,7 +20,7 @@ pub mod step;
 pub(super) mod table;
 
 use super::body::BodyFrames;
-use super::{Estimate, Problem, Progress, SolveError, Solver, Unmet};
+use super::{Estimate, Problem, Progress, SolveError, Solver};
 use bones::{BoneEvidence, LocalBone};
 use em::Noise;
 use evidence::Spoken;
@@ -377,9 +377,5 @@ impl Solver for Lds<'_> {
         self.step_bones(&model, &states);
         self.last = Some((model, states));
         self.publish(None);
-    }
-
-    fn unmet(&self) -> Option<Unmet> {
-        Lds::unmet(self)
     }
 }

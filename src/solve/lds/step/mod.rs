@@ -12,7 +12,7 @@ use super::model::Model;
 use super::smoother::Smoothed;
 use super::table::Table;
 use super::{Constraint, EStep, Lds};
-use crate::solve::{Problem, Unmet};
+use crate::solve::Problem;
 use band::{Block, End, Episode, Neighbour, Tie, Time, Unknown, Vectors};
 use frame::Place;
 use nalgebra::{DMatrix, Vector3};
@@ -312,26 +312,5 @@ impl Lds<'_> {
             }
         }
         column
-    }
-
-    /// How well hard bones are met by the fill: `None` for soft ones.
-    pub(super) fn unmet(&self) -> Option<Unmet> {
-        if self.options.constraint != Constraint::Hard {
-            return None;
-        }
-        let mut unmet = Unmet { lengths: 0, frames: 0, worst_mm: 0.0 };
-        for t in (0..self.problem.frames()).filter(|&t| self.table.pattern_of[t] != 0) {
-            let column = self.place(t, &self.fill);
-            let mut missed = 0;
-            for bone in self.table.pattern(t).groups.iter().flat_map(|g| &g.bones).map(|&k| &self.bones[k]) {
-                let at = |marker: usize| Vector3::from_fn(|axis, _| column[3 * marker + axis] + self.centre[3 * marker + axis]);
-                let off_mm = ((at(bone.a) - at(bone.b)).norm() - bone.squared_length.sqrt()).abs() * 1000.0;
-                unmet.worst_mm = unmet.worst_mm.max(off_mm);
-                missed += usize::from(off_mm > Unmet::LEAST_MM);
-            }
-            unmet.lengths += missed;
-            unmet.frames += usize::from(missed > 0);
-        }
-        Some(unmet)
     }
 }
