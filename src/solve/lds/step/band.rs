@@ -14,7 +14,7 @@
 //! The Gauss-Newton matrix is block tridiagonal, one block per frame, and is solved by elimination; steps are damped (Levenberg and Marquardt) until they help.
 //!
 //! Hard constraints are the same problem with multipliers (the method of multipliers, Hestenes 1969 and Powell 1969): `½ (k c + u)²` for each bone and frame,
-//! with u raised by what is left after each solution. It ends in exact lengths where these can be met, and in the least violation, weighed by the bones' own spreads, where they cannot:
+//! with u raised by what is left after each solution. It ends in exact lengths where these can be met, and where they contradict each other, in the least squares of the ones given up, weighed by their own spreads, the others kept:
 //! every matrix on the way is positive definite, whatever the bones say.
 
 use crate::solve::lds::kernel::invert;
@@ -121,8 +121,8 @@ const HARD: f64 = 20.0;
 /// Rounds of the method of multipliers; each leaves a small share of the violation where the bones can be met.
 const ROUNDS: usize = 40;
 
-/// Rounds without improvement after which bones count as impossible to meet.
-const PATIENCE: usize = 6;
+/// After this many rounds a bone whose violation a round did not lessen to four fifths counts as impossible to meet.
+const TRIED: usize = 5;
 
 /// Soft bones are settled when a step gains less than this for each missing sample, in nats: nobody could tell the difference from the data.
 const SETTLED: f64 = 1e-4;
@@ -153,27 +153,35 @@ impl Episode {
             }
         }
         let mut residuals = self.residuals(start);
-        let mut best = (residuals.clone(), f64::INFINITY);
-        let mut waited = 0;
-        for _ in 0..ROUNDS {
+        // each bone's last violation; none once it was given up
+        let mut last: Vec<Vec<Option<f64>>> = self.blocks.iter().map(|b| vec![Some(f64::INFINITY); b.ties.len()]).collect();
+        let mut worst = f64::INFINITY;
+        for round in 0..ROUNDS {
             held.descend(&mut residuals, 20, 0.0);
-            let mut worst = 0.0f64;
-            for (block, own) in held.blocks.iter_mut().zip(&residuals) {
-                let off: Vec<f64> = block.ties.iter().map(|tie| block.off(tie, own)).collect();
-                for (tie, off) in block.ties.iter_mut().zip(off) {
-                    worst = worst.max(off.abs());
-                    tie.time.pull -= tie.time.own * off; // u rises by k c
+            let off = held.off(&residuals);
+            worst = off.iter().flatten().fold(0.0, |most: f64, off| most.max(off.abs()));
+            let mut open = false; // is there a bone that more rounds would help?
+            for ((block, off), last) in held.blocks.iter_mut().zip(&off).zip(&mut last) {
+                for ((tie, off), last) in block.ties.iter_mut().zip(off).zip(last) {
+                    let Some(before) = *last else { continue };
+                    if off.abs() < MET_M {
+                        continue;
+                    }
+                    open = true;
+                    if round >= TRIED && off.abs() > 0.8 * before {
+                        // it contradicts the others: from here on a stiff spring, that is least squares
+                        (*last, tie.time.pull) = (None, 0.0);
+                    } else {
+                        *last = Some(off.abs());
+                        tie.time.pull -= tie.time.own * off; // u rises by k c
+                    }
                 }
             }
-            waited = if worst < 0.98 * best.1 { 0 } else { waited + 1 };
-            if worst < best.1 {
-                best = (residuals.clone(), worst);
-            }
-            if worst < MET_M || waited >= PATIENCE {
+            if !open {
                 break;
             }
         }
-        (self.positions(best.0), best.1)
+        (self.positions(residuals), worst)
     }
 
     fn residuals(&self, mut positions: Vectors) -> Vectors {
