@@ -1,7 +1,7 @@
 //! Makes `docs/gap.svg`: `cargo run --release --example gap_picture > docs/gap.svg`.
 
 use mocap_repair::demo::{DemoOptions, demo, picture::gap_svg};
-use mocap_repair::solve::{Limits, Method, Problem, Settings, run};
+use mocap_repair::solve::{Limits, Method, Problem, Settings};
 use mocap_repair::{bones, fills, gaps};
 use std::io::Write as _;
 
@@ -16,11 +16,10 @@ fn main() -> std::io::Result<()> {
     // the default method, as the command runs it
     let everybody = vec![true; made.gaps.markers.len()];
     let problem = Problem::new(&made.gaps, &everybody, &bones::find(&made.gaps, &everybody));
-    let mut solver = Method::BoleroSc.solver(&problem, &Settings::default());
-    run(solver.as_mut(), &problem, 0, &Limits::default(), &mut ());
+    let solved = Method::default().solve(&problem, &Settings::default(), &Limits::default(), &mut ());
     let found = gaps::gaps(&made.gaps);
     let mut after = made.gaps.clone();
-    let samples = fills::fill(&mut after, &problem, solver.estimate(), &found, &mut vec![Ok(()); found.len()]);
+    let samples = fills::fill(&mut after, &problem, &solved.estimate, &found, &mut vec![Ok(()); found.len()]);
     let sigma = |frame: usize| samples.iter().find(|s| s.frame == frame && s.marker == marker).map(|s| s.sigma_mm);
     std::io::stdout().write_all(gap_svg(&made.truth, &made.gaps, &after, &sigma, marker).as_bytes())
 }

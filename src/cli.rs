@@ -8,6 +8,7 @@ use crate::inspect::Inspection;
 use crate::log::Terminal;
 use crate::repair::{RepairError, Request, neighbours, open, repair};
 use crate::report::lines;
+use crate::solve::auto::Recipe;
 use crate::solve::lds::em::Noise;
 use crate::solve::lds::step::BoneStep;
 use crate::solve::lds::{EStep, Hidden, Init, Start};
@@ -141,7 +142,7 @@ struct RepairArgs {
     #[arg(short, long, value_name = "OUT", required_unless_present_any = ["in_place", "dry_run"])]
     output: Option<PathBuf>,
     /// How to fill
-    #[arg(long, value_name = "METHOD", default_value = Method::BoleroSc.name(), value_parser = method)]
+    #[arg(long, value_name = "METHOD", default_value = Method::default().name(), value_parser = method)]
     method: Method,
     /// Dimension of the hidden state; rank of msvd
     #[arg(long, value_name = "H", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=256))]
@@ -276,6 +277,7 @@ impl RepairArgs {
                 StepArg::GaussNewton => BoneStep::Coupled,
             },
             constant: !self.as_printed,
+            recipe: Recipe::default(),
         }
     }
 

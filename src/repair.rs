@@ -5,7 +5,7 @@ use crate::gaps::{Open, Policy, gaps};
 use crate::log::{About, Closing, LogError, McapLog};
 use crate::report::{GapReport, Report, StageReport};
 use crate::solve::lds::{EStep, Hidden, Init};
-use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Stop, run};
+use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Solved, Stop};
 use crate::verify::{Broken, verify};
 use crate::{fills, staging};
 use formats::{DetectError, Document, Format, FormatError, Notes, Role, Stated, Take};
@@ -174,16 +174,15 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         let problem = Problem::new(before, &neighbours(before), &bones);
         let mut log = start_log(request, &opened, &bones, &mut report);
         if decisions.iter().any(Result::is_ok) && problem.markers() > 0 {
-            let mut solver = request.method.solver(&problem, &request.settings);
             let limits =
                 Limits { steps: request.iterations, tolerance: request.tolerance, interrupt: Some(interrupt), ..Limits::default() };
-            let outcome = run(solver.as_mut(), &problem, 0, &limits, &mut (&mut log, watch));
+            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, watch));
             if interrupt.load(Ordering::Relaxed) {
                 return Err(RepairError::Interrupted { path: request.input.clone() });
             }
-            accept(request, &outcome)?;
-            report.stages.push(StageReport::new(solver.as_ref(), &outcome));
-            let estimate = solver.estimate();
+            accept(request, &solved)?;
+            report.stages = solved.stages.iter().map(StageReport::new).collect();
+            let estimate = &solved.estimate;
             report.samples = fills::fill(&mut repaired, &problem, estimate, &found, &mut decisions);
         } else {
             for decision in decisions.iter_mut().filter(|d| d.is_ok()) {
@@ -207,9 +206,9 @@ fn hex(bytes: &[u8]) -> String {
 }
 
 /// A solver that broke down is an error; one that merely ran out of steps is not.
-fn accept(request: &Request, outcome: &Outcome) -> Result<(), RepairError> {
-    match (&outcome.stop, &outcome.error) {
-        (Stop::Failed, error) => Err(RepairError::Solve {
+fn accept(request: &Request, solved: &Solved) -> Result<(), RepairError> {
+    match solved.outcome() {
+        Some(Outcome { stop: Stop::Failed, error, .. }) => Err(RepairError::Solve {
             path: request.input.clone(),
             method: request.method.name(),
             problem: error.as_ref().map_or_else(|| "no reason given".to_owned(), ToString::to_string),

@@ -3,7 +3,7 @@
 use crate::fills::Filled;
 use crate::gaps::Open;
 use crate::repair::{Opened, Request};
-use crate::solve::{Bone, Gap, Method, Outcome, Solver, Stop};
+use crate::solve::{Bone, Gap, Method, Stage, Stop};
 use formats::{Note, Origin, Take};
 use serde::Serialize;
 use std::fmt::Write;
@@ -74,10 +74,10 @@ pub struct StageReport {
 }
 
 impl StageReport {
-    /// From a solver and the outcome of its run.
-    pub fn new(solver: &dyn Solver, outcome: &Outcome) -> Self {
+    /// From how it ended.
+    pub fn new(Stage { method, outcome }: &Stage) -> Self {
         Self {
-            method: solver.name(),
+            method,
             stop: outcome.stop.word(),
             iterations: outcome.steps,
             log_likelihood: outcome.last.and_then(|p| p.log_likelihood),
@@ -236,7 +236,8 @@ impl Report {
 
     /// 0 if every gap is filled and nothing was assumed or lost, else 3. (Errors have their own codes.)
     pub fn exit_code(&self) -> u8 {
-        let unsettled = self.stages.iter().any(|s| s.stop != Stop::Converged.word()) || self.unmet().is_some();
+        // models before the last one are only asked for advice
+        let unsettled = self.stages.last().is_some_and(|s| s.stop != Stop::Converged.word()) || self.unmet().is_some();
         let matters = self.notes.iter().any(Note::matters);
         if self.open_gaps().next().is_some() || unsettled || matters || self.log_error.is_some() { 3 } else { 0 }
     }

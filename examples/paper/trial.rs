@@ -3,7 +3,7 @@
 use crate::cases::{Case, Kind};
 use formats::{Take, TakeBuilder};
 use mocap_repair::repair::neighbours;
-use mocap_repair::solve::{Gap, Limits, Method, Problem, Settings, Stop, run};
+use mocap_repair::solve::{Gap, Limits, Method, Problem, Settings, Stop};
 use mocap_repair::{bones, fills, gaps};
 use rayon::prelude::*;
 
@@ -83,14 +83,14 @@ pub fn attempt(case: &Case, truth: &Take, methods: &[Method]) -> Result<Trial, S
     let found = gaps::gaps(&holed);
     let one = |&method: &Method| {
         let about = |problem: &str| format!("{} trial {} by {}: {problem}", case.motion, case.trial, method.name());
-        let mut solver = method.solver(&problem, &Settings::default());
-        let outcome = run(solver.as_mut(), &problem, 0, &Limits::default(), &mut ());
+        let solved = method.solve(&problem, &Settings::default(), &Limits::default(), &mut ());
+        let outcome = solved.outcome().ok_or_else(|| about("nothing was solved"))?;
         if outcome.stop == Stop::Failed {
-            return Err(about(&outcome.error.map_or_else(|| "failed".to_owned(), |error| error.to_string())));
+            return Err(about(&outcome.error.as_ref().map_or_else(|| "failed".to_owned(), ToString::to_string)));
         }
         let mut take = holed.clone();
         let mut decisions = vec![Ok(()); found.len()];
-        fills::fill(&mut take, &problem, solver.estimate(), &found, &mut decisions);
+        fills::fill(&mut take, &problem, &solved.estimate, &found, &mut decisions);
         let mse_mm2 = mse(truth, &take, &case.hidden).ok_or_else(|| about("a gap was left open"))?;
         Ok(Fill { method, mse_mm2, converged: outcome.stop == Stop::Converged, take: (case.kind == Kind::Paper).then_some(take) })
     };

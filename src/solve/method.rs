@@ -1,14 +1,15 @@
 //! The methods that can be chosen, and the solvers they stand for.
 
+use super::auto::{Auto, Explanation, Recipe};
 use super::interpolate::{Curve, Interpolate};
 use super::lds::em::Noise;
 use super::lds::step::BoneStep;
 use super::lds::{Constraint, EStep, Hidden, Init, Lds, Options, Start};
 use super::msvd::Msvd;
-use super::{Problem, Solver};
+use super::{Estimate, Limits, Observer, Outcome, Problem, Solver, Stop, run};
 
 /// A way to fill gaps.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Method {
     /// Straight lines.
     Linear,
@@ -22,6 +23,9 @@ pub enum Method {
     BoleroHc,
     /// The same with soft bone constraints (BoLeRO-SC).
     BoleroSc,
+    /// Experts of many kinds, chosen and weighed for every gap by evidence from the take itself.
+    #[default]
+    Auto,
 }
 
 /// What can be set about the methods.
@@ -43,12 +47,14 @@ pub struct Settings {
     pub step: BoneStep,
     /// True to learn a constant term, which the paper's model lacks.
     pub constant: bool,
+    /// What `auto` is made of.
+    pub recipe: Recipe,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         let Options { hidden, e_step, noise, start, init, step, constant, .. } = Options::default();
-        Self { hidden, lambda: None, e_step, noise, start, init, step, constant }
+        Self { hidden, lambda: None, e_step, noise, start, init, step, constant, recipe: Recipe::default() }
     }
 }
 
@@ -62,7 +68,7 @@ impl Settings {
 
 impl Method {
     /// All methods, simplest first.
-    pub const ALL: [Self; 6] = [Self::Linear, Self::Spline, Self::Msvd, Self::Lds, Self::BoleroHc, Self::BoleroSc];
+    pub const ALL: [Self; 7] = [Self::Linear, Self::Spline, Self::Msvd, Self::Lds, Self::BoleroHc, Self::BoleroSc, Self::Auto];
 
     /// The name on the command line and in every record.
     pub fn name(self) -> &'static str {
@@ -73,6 +79,7 @@ impl Method {
             Self::Lds => "lds",
             Self::BoleroHc => "bolero-hc",
             Self::BoleroSc => "bolero-sc",
+            Self::Auto => "auto",
         }
     }
 
@@ -81,7 +88,7 @@ impl Method {
         Self::ALL.into_iter().find(|m| m.name() == name)
     }
 
-    /// A solver for `problem`.
+    /// The model with which the method begins; for all but `auto` that is all there is.
     pub fn solver<'a>(self, problem: &'a Problem, settings: &Settings) -> Box<dyn Solver + 'a> {
         let lds = |constraint| Box::new(Lds::new(problem, settings.options(constraint)));
         match self {
@@ -90,7 +97,57 @@ impl Method {
             Self::Msvd => Box::new(Msvd::new(problem, settings.hidden, settings.start)),
             Self::Lds => lds(Constraint::None),
             Self::BoleroHc => lds(Constraint::Hard),
-            Self::BoleroSc => lds(settings.lambda.map_or(Constraint::Spread, Constraint::Lambda)),
+            Self::BoleroSc | Self::Auto => lds(settings.lambda.map_or(Constraint::Spread, Constraint::Lambda)),
         }
+    }
+
+    /// Solves `problem` from beginning to end, stage by stage.
+    pub fn solve(self, problem: &Problem, settings: &Settings, limits: &Limits<'_>, observer: &mut dyn Observer) -> Solved {
+        let mut first = self.solver(problem, settings);
+        let begin = if self == Self::Auto { Auto::body_limits(limits) } else { *limits };
+        let outcome = run(first.as_mut(), problem, 0, &begin, observer);
+        let mut solved = Solved { stages: vec![Stage { method: first.name(), outcome }], ..Solved::default() };
+        if self == Self::Auto && solved.goes_on() {
+            let mut auto = Auto::new(problem, first.estimate(), settings.recipe);
+            let outcome = run(&mut auto, problem, 1, &Limits { steps: settings.recipe.sweeps, ..*limits }, observer);
+            solved.stages.push(Stage { method: auto.name(), outcome });
+            solved.estimate = auto.estimate().clone();
+            solved.explanations = auto.explanations().cloned().collect();
+        } else {
+            solved.estimate = first.estimate().clone();
+        }
+        solved
+    }
+}
+
+/// How one model of a method ended.
+#[derive(Debug)]
+pub struct Stage {
+    /// The model's own name.
+    pub method: &'static str,
+    /// How it ended.
+    pub outcome: Outcome,
+}
+
+/// What a method found.
+#[derive(Debug, Default)]
+pub struct Solved {
+    /// The fill.
+    pub estimate: Estimate,
+    /// Its models, in order.
+    pub stages: Vec<Stage>,
+    /// Why each gap was filled as it was, from methods that can say.
+    pub explanations: Vec<Explanation>,
+}
+
+impl Solved {
+    /// How the last model ended: that is how the method ended.
+    pub fn outcome(&self) -> Option<&Outcome> {
+        self.stages.last().map(|stage| &stage.outcome)
+    }
+
+    /// True unless the last model broke down or was interrupted.
+    fn goes_on(&self) -> bool {
+        self.outcome().is_none_or(|outcome| !matches!(outcome.stop, Stop::Failed | Stop::Interrupted))
     }
 }

@@ -4,14 +4,16 @@
 //! A [`Solver`] is built from a problem and takes steps; [`run`] drives it and decides when to stop; [`Observer`]s watch.
 //! What a solver knows so far is its [`Estimate`]: one position and one standard deviation for every missing sample of the problem.
 
+pub mod auto;
 pub mod body;
 pub mod interpolate;
+mod kernel;
 pub mod lds;
 mod method;
 pub mod msvd;
 mod problem;
 
-pub use method::{Method, Settings};
+pub use method::{Method, Settings, Solved, Stage};
 pub use problem::{Bone, Gap, Problem};
 
 use std::sync::atomic::{AtomicBool, Ordering};

@@ -21,7 +21,7 @@ use mocap_repair::gaps::{Open, Policy, gaps};
 use mocap_repair::solve::lds::em::Noise;
 use mocap_repair::solve::lds::step::BoneStep;
 use mocap_repair::solve::lds::{EStep, Hidden, Init, Start};
-use mocap_repair::solve::{Gap, Method, Problem, Settings};
+use mocap_repair::solve::{Gap, Limits, Method, Problem, Settings};
 use mocap_repair::{bones, fills};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
@@ -96,14 +96,9 @@ fn repaired(take: &Take, method: Method, settings: &Settings, rounds: usize, ext
     let problem = Problem::new(take, &every, &bones::find(take, &every));
     let mut filled = take.clone();
     if problem.markers() > 0 {
-        let mut solver = method.solver(&problem, settings);
-        for _ in 0..rounds {
-            if solver.step().unwrap().done {
-                break;
-            }
-        }
-        solver.conclude();
-        fills::fill(&mut filled, &problem, solver.estimate(), &gaps, &mut decisions);
+        let limits = Limits { steps: rounds as u32, tolerance: 0.0, still_mm: 0.0, interrupt: None };
+        let solved = method.solve(&problem, settings, &limits, &mut ());
+        fills::fill(&mut filled, &problem, &solved.estimate, &gaps, &mut decisions);
     }
     Repaired { take: filled, gaps, decisions }
 }
@@ -113,7 +108,7 @@ fn settings(method: Method) -> Vec<Settings> {
     let usual = Settings::default();
     let paper = Settings { hidden: Hidden::Count(5), e_step: EStep::Imputing, ..usual };
     match method {
-        Method::Linear | Method::Spline => vec![usual],
+        Method::Linear | Method::Spline | Method::Auto => vec![usual],
         Method::Msvd => vec![usual, Settings { start: Start::Zero, hidden: Hidden::Energy(0.95), ..usual }],
         Method::Lds => vec![usual, paper],
         Method::BoleroHc => vec![usual, Settings { step: BoneStep::Frame, ..paper }],

@@ -15,7 +15,7 @@ use proptest::prelude::*;
 fn tolerances_mm(method: Method) -> (f64, f64) {
     match method {
         Method::Linear | Method::Spline => (1e-8, 1e-8),
-        Method::Msvd | Method::Lds | Method::BoleroHc | Method::BoleroSc => (1e-4, 0.05),
+        Method::Msvd | Method::Lds | Method::BoleroHc | Method::BoleroSc | Method::Auto => (1e-4, 0.05),
     }
 }
 

@@ -14,7 +14,7 @@
 //!
 //! Missing markers that no chain of bones between missing markers connects are independent: each group is its own small system.
 
-use super::kernel::{add_square, axpy};
+use crate::solve::kernel::{add_square, axpy};
 use super::model::Model;
 use nalgebra::{DMatrix, DVector};
 

@@ -2,7 +2,7 @@
 
 use super::em::Moments;
 use super::evidence::Spoken;
-use super::kernel::dot;
+use crate::solve::kernel::dot;
 use super::product::outer;
 use super::smoother::Smoothed;
 use super::{EStep, Lds};

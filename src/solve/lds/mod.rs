@@ -11,7 +11,7 @@ pub mod bones;
 pub mod em;
 mod evidence;
 mod expect;
-mod kernel;
+
 pub mod model;
 pub(super) mod product;
 pub mod smoother;

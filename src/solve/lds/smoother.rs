@@ -13,7 +13,7 @@
 //! Where consecutive frames say the same (everything seen, or the same markers missing), `S` and `V̂` converge within some tens of frames.
 //! From there on one matrix serves all: a *run* costs a matrix-vector product per frame and one matrix product in all.
 
-use super::kernel::{dot, invert, product, subtract_product};
+use crate::solve::kernel::{dot, invert, product, subtract_product};
 use super::model::Model;
 use crate::solve::SolveError;
 use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector, DVectorView};

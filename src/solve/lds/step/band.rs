@@ -17,7 +17,7 @@
 //! with u raised by what is left after each solution. It ends in exact lengths where these can be met, and where they contradict each other, in the least squares of the ones given up, weighed by their own spreads, the others kept:
 //! every matrix on the way is positive definite, whatever the bones say.
 
-use crate::solve::lds::kernel::invert;
+use crate::solve::kernel::invert;
 use nalgebra::{DMatrix, DVector, Vector3};
 use rayon::prelude::*;
 

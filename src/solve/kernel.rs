@@ -85,6 +85,47 @@ fn invert_inline(matrix: &DMatrix<f64>, factor: &mut DMatrix<f64>, inverse: &mut
     log_determinant.is_finite().then_some(log_determinant)
 }
 
+/// Solves `matrix x = right` in place for a symmetric positive definite matrix, of which only the lower triangle counts; `matrix` becomes its factor.
+/// False if the matrix is not positive definite.
+pub fn solve(matrix: &mut DMatrix<f64>, right: &mut DMatrix<f64>) -> bool {
+    pulp::Arch::new().dispatch(|| solve_inline(matrix, right))
+}
+
+#[inline(always)]
+fn solve_inline(matrix: &mut DMatrix<f64>, right: &mut DMatrix<f64>) -> bool {
+    let n = matrix.nrows();
+    let l = matrix.as_mut_slice();
+    for j in 0..n {
+        let (done, rest) = l.split_at_mut((j + 1) * n);
+        let column = &mut done[j * n..];
+        let pivot = column[j];
+        if !(pivot > 0.0 && pivot.is_finite()) {
+            return false;
+        }
+        let root = pivot.sqrt();
+        for x in &mut column[j..] {
+            *x /= root;
+        }
+        for (k, other) in rest.chunks_exact_mut(n).enumerate() {
+            let k = j + 1 + k;
+            axpy(&mut other[k..], -column[k], &column[k..]);
+        }
+    }
+    for x in right.as_mut_slice().chunks_exact_mut(n) {
+        for j in 0..n {
+            let column = &l[j * n..(j + 1) * n];
+            x[j] /= column[j];
+            let value = x[j];
+            axpy(&mut x[j + 1..], -value, &column[j + 1..]);
+        }
+        for j in (0..n).rev() {
+            let column = &l[j * n..(j + 1) * n];
+            x[j] = (x[j] - dot(&column[j + 1..], &x[j + 1..])) / column[j];
+        }
+    }
+    true
+}
+
 /// A dot product in four lanes, so that the compiler may use vector registers; the order of summation is fixed.
 #[inline(always)]
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {

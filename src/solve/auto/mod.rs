@@ -1,0 +1,214 @@
+//! `auto`: every gap chooses among experts by evidence from the take itself.
+
+mod adjust;
+mod ensemble;
+mod features;
+mod frame;
+mod kriging;
+mod ridge;
+mod simulate;
+mod tracks;
+
+use super::{Estimate, Gap, Limits, Problem, Progress, SolveError, Solver};
+use ensemble::{Filling, Scene};
+use features::{Kind, Spec};
+use rayon::prelude::*;
+use simulate::Seen;
+use tracks::{Pairs, Tracks};
+
+/// Rounds of the model of the whole body.
+const BODY_ROUNDS: u32 = 20;
+
+/// What the method is made of; each can be left out to see what it is worth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[allow(clippy::struct_excessive_bools)] // each is an ingredient
+pub struct Recipe {
+    /// Sweeps over all gaps.
+    pub sweeps: u32,
+    /// Carry what regressions leave at the edges into the gap.
+    pub kriging: bool,
+    /// Combine experts; otherwise the best one alone.
+    pub stacking: bool,
+    /// Let the disagreement of experts raise the standard deviation.
+    pub spread: bool,
+    /// Experts that look at motion.
+    pub moving: bool,
+    /// Experts that bend.
+    pub bent: bool,
+    /// More experts where a limb is missing.
+    pub limbs: bool,
+    /// The bones' adjustment.
+    pub bones: bool,
+    /// How stiff coefficients are.
+    pub stiffness: f64,
+}
+
+impl Default for Recipe {
+    fn default() -> Self {
+        Self { sweeps: 3, kriging: true, stacking: true, spread: true, moving: true, bent: true, limbs: true, bones: true, stiffness: 5.0 }
+    }
+}
+
+impl Recipe {
+    /// Leaves an ingredient out.
+    ///
+    /// # Errors
+    /// There is none of this name; the error names those that exist.
+    pub fn leave_out(&mut self, name: &str) -> Result<(), &'static str> {
+        let ingredient = match name {
+            "kriging" => &mut self.kriging,
+            "stacking" => &mut self.stacking,
+            "spread" => &mut self.spread,
+            "moving" => &mut self.moving,
+            "bent" => &mut self.bent,
+            "limbs" => &mut self.limbs,
+            "bones" => &mut self.bones,
+            _ => return Err("kriging, stacking, spread, moving, bent, limbs, bones"),
+        };
+        *ingredient = false;
+        Ok(())
+    }
+
+    /// The experts for a gap; `limb` if markers that hang together rigidly are missing together.
+    fn specs(&self, limb: bool) -> Vec<Spec> {
+        let spec = |kind, neighbours, prior| Spec { kind, neighbours, prior };
+        let mut specs = vec![
+            spec(Kind::Linear, 0, 1.0),
+            spec(Kind::Linear, 4, 0.3),
+            spec(Kind::Linear, 8, 0.1),
+            spec(Kind::Linear, 8, 0.3),
+            spec(Kind::Linear, 14, 0.1),
+            spec(Kind::Linear, 14, 0.3),
+            spec(Kind::Linear, 24, 0.3),
+        ];
+        if self.moving {
+            specs.push(spec(Kind::Moving(8), 14, 0.1));
+        }
+        if self.bent {
+            specs.push(spec(Kind::Bent(40), 14, 0.3));
+        }
+        if limb && self.limbs {
+            if self.moving {
+                specs.push(spec(Kind::Moving(16), 24, 0.1));
+            }
+            if self.bent {
+                specs.push(spec(Kind::Bent(40), 24, 0.3));
+            }
+        }
+        specs
+    }
+}
+
+/// Why a gap was filled as it was.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Explanation {
+    /// The gap; its marker is a column of the problem.
+    pub gap: Gap,
+    /// Markers that were looked at, best first.
+    pub neighbours: Vec<usize>,
+    /// Experts with their share and their error on simulated gaps, mm.
+    pub experts: Vec<(String, f64, f64)>,
+    /// Number of simulated gaps.
+    pub simulated: usize,
+    /// Their length in frames.
+    pub simulated_frames: usize,
+    /// Predicted error, root mean square over the gap, mm; NaN if there was no evidence.
+    pub predicted_mm: f64,
+}
+
+/// The solver: one step is one sweep over all gaps.
+pub struct Auto<'a> {
+    problem: &'a Problem,
+    recipe: Recipe,
+    tracks: Tracks,
+    pairs: Pairs,
+    seen: Vec<Seen>,
+    gaps: Vec<Gap>,
+    fillings: Vec<Option<Filling>>,
+    sweep: u32,
+    estimate: Estimate,
+}
+
+impl<'a> Auto<'a> {
+    /// When the body's model, which comes first, has learned enough: it is one expert of many.
+    pub fn body_limits<'l>(limits: &Limits<'l>) -> Limits<'l> {
+        Limits { steps: limits.steps.min(BODY_ROUNDS), tolerance: limits.tolerance.max(1e-3), ..*limits }
+    }
+
+    /// Looks at the take; fills nothing yet. `body` is what the model of the whole body makes of it.
+    pub fn new(problem: &'a Problem, _body: &Estimate, recipe: Recipe) -> Self {
+        let tracks = Tracks::new(problem);
+        let pairs = Pairs::new(&tracks, &vec![0; problem.markers()]);
+        let seen = (0..problem.markers()).map(|i| Seen::new((0..problem.frames()).map(|t| problem.observed(t, i)))).collect();
+        let gaps = tracks.gaps();
+        let fillings = vec![None; gaps.len()];
+        Self { problem, recipe, tracks, pairs, seen, gaps, fillings, sweep: 0, estimate: Estimate::open(problem.missing.len()) }
+    }
+
+    /// Why each gap was filled as it was.
+    pub fn explanations(&self) -> impl Iterator<Item = &Explanation> {
+        self.fillings.iter().flatten().map(|f| &f.explanation)
+    }
+
+    fn publish(&mut self) -> (f64, f64) {
+        let (mut largest, mut sum) = (0.0f64, 0.0);
+        for (k, &(t, i)) in self.problem.missing.iter().enumerate() {
+            if !self.tracks.live(i) {
+                continue;
+            }
+            let place = self.tracks.place(t, i);
+            let moved = tracks::distance(place, self.estimate.positions_mm[k]);
+            if moved.is_finite() {
+                largest = largest.max(moved);
+                sum += moved * moved;
+            }
+            self.estimate.positions_mm[k] = place;
+            self.estimate.sigma_mm[k] = self.tracks.sigma(t, i);
+        }
+        (largest, (sum / self.problem.missing.len().max(1) as f64).sqrt())
+    }
+}
+
+impl Solver for Auto<'_> {
+    fn name(&self) -> &'static str {
+        "auto"
+    }
+
+    fn step(&mut self) -> Result<Progress, SolveError> {
+        let scale = self.problem.rate_hz / 120.0;
+        let scene =
+            Scene { tracks: &self.tracks, pairs: &self.pairs, seen: &self.seen, scale, sweep: self.sweep, recipe: &self.recipe };
+        let has_gaps: Vec<bool> = self.seen.iter().map(|s| s.frames.len() < s.len()).collect();
+        let todo: Vec<usize> = (0..self.gaps.len())
+            .filter(|&g| self.fillings[g].as_ref().is_none_or(|f: &Filling| f.neighbours.iter().any(|&j| has_gaps[j])))
+            .collect();
+        let new: Vec<Filling> = todo.par_iter().map(|&g| scene.fill(&self.gaps[g])).collect();
+        for (g, filling) in todo.into_iter().zip(new) {
+            self.fillings[g] = Some(filling);
+        }
+        let mut likelihood = 0.0;
+        for (gap, filling) in self.gaps.iter().zip(&self.fillings) {
+            let Some(filling) = filling else { continue };
+            likelihood += filling.likelihood.0;
+            for (k, (&place, &sigma)) in filling.places_mm.iter().zip(&filling.sigma_mm).enumerate() {
+                self.tracks.put(gap.start + k, gap.marker, place, sigma);
+            }
+        }
+        if self.recipe.bones {
+            adjust::adjust(&mut self.tracks, &self.pairs);
+        }
+        self.sweep += 1;
+        let (largest_move_mm, rms_move_mm) = self.publish();
+        Ok(Progress {
+            log_likelihood: Some(likelihood),
+            rms_residual_mm: None,
+            largest_move_mm,
+            rms_move_mm,
+            done: self.sweep >= self.recipe.sweeps,
+        })
+    }
+
+    fn estimate(&self) -> &Estimate {
+        &self.estimate
+    }
+}
