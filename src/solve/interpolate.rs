@@ -59,12 +59,12 @@ impl Solver for Interpolate<'_> {
         let bends: Vec<[Vec<f64>; 3]> = knots
             .iter()
             .map(|(times, values)| {
-                std::array::from_fn(|axis| if self.curve == Curve::Spline { natural(times, &values[axis]) } else { vec![0.0; times.len()] })
+                std::array::from_fn(|axis| if self.curve == Curve::Spline { bends(times, &values[axis]) } else { vec![0.0; times.len()] })
             })
             .collect();
         for (k, &(t, i)) in problem.missing.iter().enumerate() {
             let (times, values) = &knots[i];
-            self.estimate.positions_mm[k] = std::array::from_fn(|axis| evaluate(times, &values[axis], &bends[i][axis], t as f64));
+            self.estimate.positions_mm[k] = std::array::from_fn(|axis| spline_at(times, &values[axis], &bends[i][axis], t as f64));
         }
         Ok(Progress { log_likelihood: None, rms_residual_mm: None, largest_move_mm: 0.0, rms_move_mm: 0.0, done: true })
     }
@@ -75,7 +75,7 @@ impl Solver for Interpolate<'_> {
 }
 
 /// Second derivatives at the knots of the natural cubic spline: a tridiagonal system, solved by elimination.
-fn natural(times: &[f64], values: &[f64]) -> Vec<f64> {
+pub(super) fn bends(times: &[f64], values: &[f64]) -> Vec<f64> {
     let n = times.len();
     let mut bends = vec![0.0; n];
     if n < 3 {
@@ -96,7 +96,7 @@ fn natural(times: &[f64], values: &[f64]) -> Vec<f64> {
 }
 
 /// The curve at `time`; held beyond the ends; NaN without knots.
-fn evaluate(times: &[f64], values: &[f64], bends: &[f64], time: f64) -> f64 {
+pub(super) fn spline_at(times: &[f64], values: &[f64], bends: &[f64], time: f64) -> f64 {
     let after = times.partition_point(|&k| k < time);
     if times.is_empty() {
         return f64::NAN;
@@ -121,8 +121,8 @@ mod tests {
     fn a_natural_spline_is_smooth_and_goes_through_its_knots() {
         let times = [0.0, 1.0, 2.0, 5.0, 6.0, 9.0];
         let values = [0.0, 2.0, 1.0, -3.0, 0.5, 0.25];
-        let bends = natural(&times, &values);
-        let at = |t: f64| evaluate(&times, &values, &bends, t);
+        let bends = bends(&times, &values);
+        let at = |t: f64| spline_at(&times, &values, &bends, t);
         for (t, v) in times.iter().zip(values) {
             assert!((at(*t) - v).abs() < 1e-12);
         }
@@ -139,8 +139,8 @@ mod tests {
     fn a_line_stays_a_line() {
         let times = [0.0, 1.0, 7.0, 8.0];
         let values = [0.0, 2.0, 14.0, 16.0];
-        for bends in [natural(&times, &values), vec![0.0; 4]] {
-            assert!((evaluate(&times, &values, &bends, 4.0) - 8.0).abs() < 1e-12);
+        for bends in [bends(&times, &values), vec![0.0; 4]] {
+            assert!((spline_at(&times, &values, &bends, 4.0) - 8.0).abs() < 1e-12);
         }
     }
 }

@@ -1,36 +1,101 @@
-//! What experts look at: where the neighbours of a marker are in the local frame, how they move, and how near the pose is to poses seen before.
+//! What experts look at: where the neighbours of a marker are in a local frame, how they and the frame move, and how near the pose is to poses seen before.
 
 use super::frame::Pose;
 use super::tracks::Tracks;
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, SymmetricEigen, Vector3};
 
-/// What an expert makes of its neighbours' local coordinates.
+/// Something that an expert looks at. Numbers of neighbours count the most rigid ones first; lags are in frames at 120 Hz.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Kind {
-    /// The coordinates.
-    Linear,
-    /// Also their velocity and acceleration over this many frames at 120 Hz.
-    Moving(usize),
-    /// Also bumps around this many poses of the take.
-    Bent(usize),
+pub enum Part {
+    /// Local coordinates of so many neighbours.
+    Place(usize),
+    /// Their velocity over a lag.
+    Velocity(usize, usize),
+    /// Their acceleration over a lag.
+    Acceleration(usize, usize),
+    /// All products of two of their coordinates.
+    Products(usize),
+    /// The directions of the frame's axes: which way is down, and where the body faces.
+    Turn,
+    /// How these change over a lag.
+    TurnRate(usize),
+    /// Velocity and acceleration of the frame's origin over a lag, in the frame.
+    Drift(usize),
+    /// A Gaussian process over the neighbours' coordinates, spanned by so many poses of the take.
+    Near {
+        /// How many neighbours.
+        neighbours: usize,
+        /// How many poses.
+        poses: usize,
+        /// True if the frame's directions count, too.
+        turn: bool,
+    },
+    /// Bumps around so many poses, with the poses a lag before and after counting as well if there is one.
+    Bumps {
+        /// How many neighbours.
+        neighbours: usize,
+        /// How many poses.
+        poses: usize,
+        /// The lag; 0 for none.
+        lag: usize,
+    },
 }
 
-/// An expert: what it looks at and how much it may use it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Spec {
-    /// What it makes of them.
-    pub kind: Kind,
-    /// How many neighbours it looks at, most rigid first.
-    pub neighbours: usize,
-    /// Standard deviation of its coefficients before anything was seen.
-    pub prior: f64,
+/// What a direction counts against a coordinate in mm: as if it were a marker 200 mm away.
+const DIRECTION_MM: f64 = 200.0;
+
+/// What a product counts against a coordinate; the same for what processes and bumps say, in their own widths.
+const BENT: f64 = 0.3;
+
+/// Poses among which those that span a process are chosen.
+const POSES: usize = 300;
+
+/// Eigenvalues below this share of the largest say nothing that rounding does not say as well.
+const LEAST_EIGENVALUE: f64 = 1e-5;
+
+/// Frames at this rate for a lag at 120 Hz; `scale` is the rate over 120 Hz.
+pub fn lag_frames(lag: usize, scale: f64) -> usize {
+    ((lag as f64 * scale).round() as usize).max(1)
+}
+
+impl Part {
+    /// The same with at most so many neighbours.
+    pub fn capped(self, most: usize) -> Self {
+        match self {
+            Self::Place(k) => Self::Place(k.min(most)),
+            Self::Velocity(k, lag) => Self::Velocity(k.min(most), lag),
+            Self::Acceleration(k, lag) => Self::Acceleration(k.min(most), lag),
+            Self::Products(k) => Self::Products(k.min(most)),
+            Self::Near { neighbours, poses, turn } => Self::Near { neighbours: neighbours.min(most), poses, turn },
+            Self::Bumps { neighbours, poses, lag } => Self::Bumps { neighbours: neighbours.min(most), poses, lag },
+            other => other,
+        }
+    }
+
+    /// How many neighbours it looks at.
+    pub fn neighbours(self) -> usize {
+        match self {
+            Self::Place(k) | Self::Velocity(k, _) | Self::Acceleration(k, _) | Self::Products(k) => k,
+            Self::Near { neighbours, .. } | Self::Bumps { neighbours, .. } => neighbours,
+            Self::Turn | Self::TurnRate(_) | Self::Drift(_) => 0,
+        }
+    }
+
+    /// How far before and after a frame it looks.
+    pub fn lag(self) -> usize {
+        match self {
+            Self::Velocity(_, lag) | Self::Acceleration(_, lag) | Self::TurnRate(lag) | Self::Drift(lag) | Self::Bumps { lag, .. } => lag,
+            Self::Place(_) | Self::Products(_) | Self::Turn | Self::Near { .. } => 0,
+        }
+    }
 }
 
 /// Local coordinates of the neighbours in the frames that somebody needs.
 pub struct Local {
     /// Row of each frame of the take; `u32::MAX` if nobody needs it.
     row_of: Vec<u32>,
-    frames: usize,
+    /// Rate over 120 Hz.
+    scale: f64,
     /// 3 neighbours × rows, minus the means.
     coordinates: DMatrix<f64>,
     poses: Vec<Pose>,
@@ -38,7 +103,7 @@ pub struct Local {
 
 impl Local {
     /// The frames of `wanted` (ascending, no doubles) with their poses; means are those over `learn`.
-    pub fn new(tracks: &Tracks, neighbours: &[usize], wanted: &[usize], poses: Vec<Pose>, learn: &[usize]) -> Self {
+    pub fn new(tracks: &Tracks, neighbours: &[usize], wanted: &[usize], poses: Vec<Pose>, learn: &[usize], scale: f64) -> Self {
         let mut row_of = vec![u32::MAX; tracks.frames];
         let mut coordinates = DMatrix::zeros(3 * neighbours.len(), wanted.len());
         for (row, (&t, pose)) in wanted.iter().zip(&poses).enumerate() {
@@ -59,7 +124,7 @@ impl Local {
         for mut column in coordinates.column_iter_mut() {
             column -= &mean;
         }
-        Self { row_of, frames: tracks.frames, coordinates, poses }
+        Self { row_of, scale, coordinates, poses }
     }
 
     fn row(&self, t: usize) -> usize {
@@ -71,145 +136,261 @@ impl Local {
         &self.poses[self.row(t)]
     }
 
-    fn at(&self, t: usize, inputs: usize) -> &[f64] {
+    fn at(&self, t: usize, neighbours: usize) -> &[f64] {
         let height = self.coordinates.nrows();
-        &self.coordinates.as_slice()[self.row(t) * height..][..inputs]
+        &self.coordinates.as_slice()[self.row(t) * height..][..3 * neighbours]
+    }
+
+    /// The frames a lag before and after, held at the take's ends.
+    fn around(&self, t: usize, lag: usize) -> (usize, usize) {
+        let lag = lag_frames(lag, self.scale);
+        (t.saturating_sub(lag), (t + lag).min(self.row_of.len() - 1))
     }
 }
 
-/// Features of one kind, ready to be computed for any frame.
-pub struct Features<'a> {
-    local: &'a Local,
-    kind: Kind,
-    /// Local coordinates that take part.
-    inputs: usize,
-    lag: usize,
-    bumps: Bumps,
+/// Poses that span a process or carry bumps.
+struct Span {
+    /// inputs × poses.
+    centres: DMatrix<f64>,
+    /// Squared width.
+    width: f64,
+    /// poses × features; for bumps each pose is its own.
+    mix: Option<DMatrix<f64>>,
 }
 
-/// Bumps around poses of the take.
-#[derive(Default)]
-struct Bumps {
-    /// inputs × bumps.
-    centres: DMatrix<f64>,
-    /// Squared width, mm².
-    width: f64,
-    /// Mean of each over what is learned from.
+/// A part that is ready to be computed for any frame.
+struct Ready {
+    part: Part,
+    size: usize,
+    span: Option<Span>,
+    /// Factor on all of it.
+    factor: f64,
+    /// Mean of each feature over what is learned from.
     means: Vec<f64>,
 }
 
-/// Poses among which the centres of bumps are chosen.
-const POSES: usize = 200;
-
-/// What a bump counts against a coordinate of its width.
-const BUMP: f64 = 0.3;
+/// The features of an expert, ready to be computed for any frame.
+pub struct Features<'a> {
+    local: &'a Local,
+    parts: Vec<Ready>,
+    count: usize,
+}
 
 impl<'a> Features<'a> {
-    /// `scale` is the rate over 120 Hz.
-    pub fn new(local: &'a Local, kind: Kind, neighbours: usize, learn: &[usize], scale: f64) -> Self {
-        let inputs = 3 * neighbours;
-        let lag = if let Kind::Moving(lag) = kind { ((lag as f64 * scale).round() as usize).max(1) } else { 0 };
-        let mut features = Self { local, kind, inputs, lag, bumps: Bumps::default() };
-        if let Kind::Bent(count) = kind {
-            features.bumps = features.find_bumps(count, learn);
-        }
-        features
-    }
-
-    /// The frames that have to be known for the features of frame `t`.
-    pub fn reach(kind: Kind, t: usize, frames: usize, scale: f64) -> [usize; 3] {
-        match kind {
-            Kind::Moving(lag) => {
-                let lag = ((lag as f64 * scale).round() as usize).max(1);
-                [t.saturating_sub(lag), t, (t + lag).min(frames - 1)]
-            }
-            _ => [t; 3],
-        }
+    /// From what is seen in the frames `learn`.
+    pub fn new(local: &'a Local, parts: &[Part], learn: &[usize]) -> Self {
+        let parts: Vec<Ready> = parts.iter().map(|&part| Ready::new(part, local, learn)).collect();
+        let count = 1 + parts.iter().map(|p| p.size).sum::<usize>();
+        Self { local, parts, count }
     }
 
     /// Number of features, the constant counted.
     pub fn count(&self) -> usize {
-        1 + match self.kind {
-            Kind::Linear => self.inputs,
-            Kind::Moving(_) => 3 * self.inputs,
-            Kind::Bent(_) => self.inputs + self.bumps.centres.ncols(),
-        }
-    }
-
-    /// Farthest-point centres among poses that are learned from.
-    fn find_bumps(&self, count: usize, learn: &[usize]) -> Bumps {
-        let some: Vec<usize> = spread(learn.len(), POSES).into_iter().map(|k| learn[k]).collect();
-        let rows: Vec<&[f64]> = some.iter().map(|&t| self.local.at(t, self.inputs)).collect();
-        let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum::<f64>();
-        let Some(&first) = rows.first() else { return Bumps::default() };
-        let mut nearest: Vec<f64> = rows.iter().map(|r| apart(r, first)).collect();
-        let mut centres = vec![first];
-        let mut distances = nearest.clone();
-        while centres.len() < count.min(rows.len()) {
-            let far = (0..rows.len()).fold(0, |best, k| if nearest[k] > nearest[best] { k } else { best });
-            centres.push(rows[far]);
-            for (near, row) in nearest.iter_mut().zip(&rows) {
-                let d = apart(row, rows[far]);
-                distances.push(d);
-                *near = near.min(d);
-            }
-        }
-        distances.sort_by(f64::total_cmp);
-        let width = distances[distances.len() / 2] + 1e-9;
-        let centres = DMatrix::from_iterator(self.inputs, centres.len(), centres.iter().flat_map(|c| c.iter().copied()));
-        let mut bumps = Bumps { means: vec![0.0; centres.ncols()], centres, width };
-        let mut sums = vec![0.0; bumps.means.len()];
-        let mut values = vec![0.0; bumps.means.len()];
-        for row in &rows {
-            bumps.fill(row, &mut values);
-            for (sum, value) in sums.iter_mut().zip(&values) {
-                *sum += value;
-            }
-        }
-        bumps.means = sums.iter().map(|s| s / rows.len() as f64).collect();
-        bumps
-    }
-
-    /// Writes the features of frame `t`.
-    pub fn fill(&self, t: usize, out: &mut [f64]) {
-        let (head, rest) = out.split_at_mut(1);
-        head[0] = 1.0;
-        let own = self.local.at(t, self.inputs);
-        rest[..self.inputs].copy_from_slice(own);
-        match self.kind {
-            Kind::Linear => {}
-            Kind::Moving(_) => {
-                let before = self.local.at(t.saturating_sub(self.lag), self.inputs);
-                let after = self.local.at((t + self.lag).min(self.local.frames - 1), self.inputs);
-                let (velocity, acceleration) = rest[self.inputs..3 * self.inputs].split_at_mut(self.inputs);
-                for k in 0..self.inputs {
-                    velocity[k] = 0.5 * (after[k] - before[k]);
-                    acceleration[k] = after[k] + before[k] - 2.0 * own[k];
-                }
-            }
-            Kind::Bent(_) => self.bumps.fill(own, &mut rest[self.inputs..]),
-        }
+        self.count
     }
 
     /// The features of some frames: features × frames.
     pub fn table(&self, frames: &[usize]) -> DMatrix<f64> {
-        let mut table = DMatrix::zeros(self.count(), frames.len());
-        let count = self.count();
-        for (&t, column) in frames.iter().zip(table.as_mut_slice().chunks_exact_mut(count)) {
-            self.fill(t, column);
+        let mut table = DMatrix::zeros(self.count, frames.len());
+        for (&t, column) in frames.iter().zip(table.as_mut_slice().chunks_exact_mut(self.count)) {
+            let (head, mut rest) = column.split_at_mut(1);
+            head[0] = 1.0;
+            for part in &self.parts {
+                let (own, others) = rest.split_at_mut(part.size);
+                part.fill(self.local, t, own);
+                for (x, mean) in own.iter_mut().zip(&part.means) {
+                    *x -= mean;
+                }
+                rest = others;
+            }
         }
         table
     }
 }
 
-impl Bumps {
-    fn fill(&self, own: &[f64], out: &mut [f64]) {
-        let size = BUMP * self.width.sqrt();
-        for ((centre, mean), out) in self.centres.as_slice().chunks_exact(own.len().max(1)).zip(&self.means).zip(out) {
-            let apart: f64 = own.iter().zip(centre).map(|(x, y)| (x - y) * (x - y)).sum();
-            *out = size * ((-0.5 * apart / self.width).exp() - mean);
+impl Ready {
+    fn new(part: Part, local: &Local, learn: &[usize]) -> Self {
+        let inputs = 3 * part.neighbours();
+        let mut ready = Self { part, size: 0, span: None, factor: 1.0, means: Vec::new() };
+        ready.size = match part {
+            Part::Place(_) | Part::Velocity(..) | Part::Acceleration(..) => inputs,
+            Part::Products(k) => {
+                let squares: f64 = learn.iter().map(|&t| local.at(t, k).iter().map(|x| x * x).sum::<f64>()).sum();
+                let spread = (squares / (learn.len() * inputs).max(1) as f64).sqrt();
+                ready.factor = BENT / spread.max(1e-6);
+                inputs * (inputs + 1) / 2
+            }
+            Part::Turn | Part::TurnRate(_) => 9,
+            Part::Drift(_) => 6,
+            Part::Near { poses, .. } | Part::Bumps { poses, .. } => {
+                let span = Span::new(&ready, local, learn, poses);
+                ready.factor = BENT * span.width.sqrt();
+                let size = span.mix.as_ref().map_or(span.centres.ncols(), DMatrix::ncols);
+                ready.span = Some(span);
+                size
+            }
+        };
+        // coordinates have no mean, and derivatives should be 0 at rest
+        if !matches!(part, Part::Place(_) | Part::Velocity(..) | Part::Acceleration(..)) {
+            let mut sums = vec![0.0; ready.size];
+            let mut values = vec![0.0; ready.size];
+            for &t in learn {
+                ready.fill(local, t, &mut values);
+                for (sum, x) in sums.iter_mut().zip(&values) {
+                    *sum += x;
+                }
+            }
+            ready.means = sums.iter().map(|s| s / learn.len().max(1) as f64).collect();
+        }
+        ready
+    }
+
+    /// What a process or bumps compare poses by.
+    fn inputs(&self, local: &Local, t: usize, out: &mut Vec<f64>) {
+        out.clear();
+        let k = self.part.neighbours();
+        out.extend_from_slice(local.at(t, k));
+        match self.part {
+            Part::Near { turn: true, .. } => out.extend(local.pose(t).turn().iter().map(|x| x * DIRECTION_MM)),
+            Part::Bumps { lag, .. } if lag > 0 => {
+                let (before, after) = local.around(t, lag);
+                out.extend_from_slice(local.at(after, k));
+                out.extend_from_slice(local.at(before, k));
+            }
+            _ => {}
         }
     }
+
+    /// Writes the features of frame `t`, means not taken off.
+    fn fill(&self, local: &Local, t: usize, out: &mut [f64]) {
+        let k = self.part.neighbours();
+        match self.part {
+            Part::Place(_) => out.copy_from_slice(local.at(t, k)),
+            Part::Velocity(_, lag) => {
+                let (before, after) = local.around(t, lag);
+                for (x, (a, b)) in out.iter_mut().zip(local.at(after, k).iter().zip(local.at(before, k))) {
+                    *x = 0.5 * (a - b);
+                }
+            }
+            Part::Acceleration(_, lag) => {
+                let (before, after) = local.around(t, lag);
+                let ends = local.at(after, k).iter().zip(local.at(before, k));
+                for ((x, (a, b)), own) in out.iter_mut().zip(ends).zip(local.at(t, k)) {
+                    *x = a + b - 2.0 * own;
+                }
+            }
+            Part::Products(_) => {
+                let own = local.at(t, k);
+                let mut rest = out;
+                for (j, x) in own.iter().enumerate() {
+                    let (row, others) = rest.split_at_mut(own.len() - j);
+                    for (out, y) in row.iter_mut().zip(&own[j..]) {
+                        *out = self.factor * x * y;
+                    }
+                    rest = others;
+                }
+            }
+            Part::Turn => {
+                for (out, x) in out.iter_mut().zip(local.pose(t).turn().iter()) {
+                    *out = DIRECTION_MM * x;
+                }
+            }
+            Part::TurnRate(lag) => {
+                let (before, after) = local.around(t, lag);
+                let change = local.pose(after).turn() - local.pose(before).turn();
+                for (out, x) in out.iter_mut().zip(change.iter()) {
+                    *out = DIRECTION_MM * x;
+                }
+            }
+            Part::Drift(lag) => {
+                let (before, after) = local.around(t, lag);
+                let own = local.pose(t);
+                let (a, b): (Vector3<f64>, Vector3<f64>) = (local.pose(after).origin(), local.pose(before).origin());
+                let velocity = own.direction_to_local(a - b);
+                let acceleration = own.direction_to_local(a + b - 2.0 * own.origin());
+                out[..3].copy_from_slice(velocity.as_slice());
+                out[3..].copy_from_slice(acceleration.as_slice());
+            }
+            Part::Near { .. } | Part::Bumps { .. } => {
+                let Some(span) = &self.span else { return };
+                let mut inputs = Vec::with_capacity(span.centres.nrows());
+                self.inputs(local, t, &mut inputs);
+                span.fill(&inputs, self.factor, out);
+            }
+        }
+    }
+}
+
+impl Span {
+    /// Farthest-point centres among poses that are learned from.
+    fn new(ready: &Ready, local: &Local, learn: &[usize], count: usize) -> Self {
+        let rows: Vec<Vec<f64>> = spread(learn.len(), POSES)
+            .into_iter()
+            .map(|k| {
+                let mut row = Vec::new();
+                ready.inputs(local, learn[k], &mut row);
+                row
+            })
+            .collect();
+        let apart = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| (x - y) * (x - y)).sum::<f64>();
+        let Some(first) = rows.first() else { return Self { centres: DMatrix::zeros(0, 0), width: 1.0, mix: None } };
+        let mut chosen = vec![0];
+        let mut nearest: Vec<f64> = rows.iter().map(|r| apart(r, first)).collect();
+        let mut distances = nearest.clone();
+        while chosen.len() < count.min(rows.len()) {
+            let far = (0..rows.len()).fold(0, |best, k| if nearest[k] > nearest[best] { k } else { best });
+            chosen.push(far);
+            for (near, row) in nearest.iter_mut().zip(&rows) {
+                let d = apart(row, &rows[far]);
+                distances.push(d);
+                *near = near.min(d);
+            }
+        }
+        let middle = distances.len() / 2;
+        let (_, median, _) = distances.select_nth_unstable_by(middle, f64::total_cmp);
+        let width = *median + 1e-9;
+        let centres = DMatrix::from_iterator(first.len(), chosen.len(), chosen.iter().flat_map(|&k| rows[k].iter().copied()));
+        let mut span = Self { centres, width, mix: None };
+        if matches!(ready.part, Part::Near { .. }) {
+            let n = chosen.len();
+            let own = DMatrix::from_fn(n, n, |a, b| (-0.5 * apart(&rows[chosen[a]], &rows[chosen[b]]) / width).exp());
+            let eigen = SymmetricEigen::new(own);
+            let largest = eigen.eigenvalues.max();
+            let kept: Vec<usize> = (0..n).filter(|&k| eigen.eigenvalues[k] > LEAST_EIGENVALUE * largest).collect();
+            span.mix = Some(DMatrix::from_fn(n, kept.len(), |r, c| eigen.eigenvectors[(r, kept[c])] / eigen.eigenvalues[kept[c]].sqrt()));
+        }
+        span
+    }
+
+    fn fill(&self, inputs: &[f64], factor: f64, out: &mut [f64]) {
+        let bump = |centre: &[f64]| {
+            let apart: f64 = squared_distance(inputs, centre);
+            factor * (-0.5 * apart / self.width).exp()
+        };
+        let centres = self.centres.as_slice().chunks_exact(inputs.len().max(1)).map(bump);
+        match &self.mix {
+            None => out.iter_mut().zip(centres).for_each(|(out, x)| *out = x),
+            Some(mix) => {
+                let near: Vec<f64> = centres.collect();
+                for (out, column) in out.iter_mut().zip(mix.as_slice().chunks_exact(near.len().max(1))) {
+                    *out = crate::solve::kernel::dot(&near, column);
+                }
+            }
+        }
+    }
+}
+
+/// In four lanes, in a fixed order.
+fn squared_distance(a: &[f64], b: &[f64]) -> f64 {
+    let mut lanes = [0.0; 4];
+    let (heads, tails) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest: f64 = heads.remainder().iter().zip(tails.remainder()).map(|(x, y)| (x - y) * (x - y)).sum();
+    for (x, y) in heads.zip(tails) {
+        for k in 0..4 {
+            lanes[k] += (x[k] - y[k]) * (x[k] - y[k]);
+        }
+    }
+    (lanes[0] + lanes[1]) + (lanes[2] + lanes[3]) + rest
 }
 
 /// At most `most` places evenly over `0..count`.

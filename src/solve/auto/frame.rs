@@ -31,6 +31,22 @@ impl Pose {
         self.turn.tr_mul(&(Vector3::from(x) - self.origin)).into()
     }
 
+    /// The directions of the frame's axes in the world, as columns.
+    pub fn turn(&self) -> &Matrix3<f64> {
+        &self.turn
+    }
+
+    /// Where the frame's origin is in the world, mm.
+    pub fn origin(&self) -> Vector3<f64> {
+        self.origin
+    }
+
+    /// A local direction in the world's coordinates.
+    #[inline]
+    pub fn direction_to_world(&self, x: Vector3<f64>) -> Vector3<f64> {
+        self.turn * x
+    }
+
     /// A direction of the world in local coordinates.
     #[inline]
     pub fn direction_to_local(&self, x: Vector3<f64>) -> Vector3<f64> {

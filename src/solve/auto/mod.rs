@@ -1,7 +1,9 @@
 //! `auto`: every gap chooses among experts by evidence from the take itself.
 
 mod adjust;
+mod blackout;
 mod ensemble;
+mod experts;
 mod features;
 mod frame;
 mod kriging;
@@ -11,7 +13,6 @@ mod tracks;
 
 use super::{Estimate, Gap, Limits, Problem, Progress, SolveError, Solver};
 use ensemble::{Filling, Scene};
-use features::{Kind, Spec};
 use rayon::prelude::*;
 use simulate::Seen;
 use tracks::{Pairs, Tracks};
@@ -31,21 +32,37 @@ pub struct Recipe {
     pub stacking: bool,
     /// Let the disagreement of experts raise the standard deviation.
     pub spread: bool,
-    /// Experts that look at motion.
-    pub moving: bool,
-    /// Experts that bend.
+    /// Experts that leave the others' company in the gap lose weight.
+    pub consensus: bool,
+    /// Experts that are not linear in their neighbours' places.
     pub bent: bool,
+    /// Experts in other frames than that of the five best neighbours.
+    pub frames: bool,
     /// More experts where a limb is missing.
     pub limbs: bool,
     /// The bones' adjustment.
     pub bones: bool,
+    /// Other parts of the take lend to black-outs.
+    pub analogs: bool,
     /// How stiff coefficients are.
     pub stiffness: f64,
 }
 
 impl Default for Recipe {
     fn default() -> Self {
-        Self { sweeps: 3, kriging: true, stacking: true, spread: true, moving: true, bent: true, limbs: true, bones: true, stiffness: 5.0 }
+        Self {
+            sweeps: 3,
+            kriging: true,
+            stacking: true,
+            consensus: true,
+            spread: true,
+            bent: true,
+            frames: true,
+            limbs: true,
+            bones: true,
+            analogs: true,
+            stiffness: 5.0,
+        }
     }
 }
 
@@ -58,44 +75,21 @@ impl Recipe {
         let ingredient = match name {
             "kriging" => &mut self.kriging,
             "stacking" => &mut self.stacking,
+            "consensus" => &mut self.consensus,
             "spread" => &mut self.spread,
-            "moving" => &mut self.moving,
             "bent" => &mut self.bent,
+            "frames" => &mut self.frames,
             "limbs" => &mut self.limbs,
             "bones" => &mut self.bones,
-            _ => return Err("kriging, stacking, spread, moving, bent, limbs, bones"),
+            "analogs" => &mut self.analogs,
+            "sweeps" => {
+                self.sweeps = 1;
+                return Ok(());
+            }
+            _ => return Err("kriging, stacking, consensus, spread, bent, frames, limbs, bones, analogs, sweeps"),
         };
         *ingredient = false;
         Ok(())
-    }
-
-    /// The experts for a gap; `limb` if markers that hang together rigidly are missing together.
-    fn specs(&self, limb: bool) -> Vec<Spec> {
-        let spec = |kind, neighbours, prior| Spec { kind, neighbours, prior };
-        let mut specs = vec![
-            spec(Kind::Linear, 0, 1.0),
-            spec(Kind::Linear, 4, 0.3),
-            spec(Kind::Linear, 8, 0.1),
-            spec(Kind::Linear, 8, 0.3),
-            spec(Kind::Linear, 14, 0.1),
-            spec(Kind::Linear, 14, 0.3),
-            spec(Kind::Linear, 24, 0.3),
-        ];
-        if self.moving {
-            specs.push(spec(Kind::Moving(8), 14, 0.1));
-        }
-        if self.bent {
-            specs.push(spec(Kind::Bent(40), 14, 0.3));
-        }
-        if limb && self.limbs {
-            if self.moving {
-                specs.push(spec(Kind::Moving(16), 24, 0.1));
-            }
-            if self.bent {
-                specs.push(spec(Kind::Bent(40), 24, 0.3));
-            }
-        }
-        specs
     }
 }
 
