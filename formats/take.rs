@@ -142,6 +142,11 @@ impl Marker {
         Self { label: label.into(), role: Role::Marker }
     }
 
+    /// The subject's prefix of the label, if it has one: `subject` of `subject:LKNE`.
+    pub fn subject(&self) -> Option<&str> {
+        self.label.rsplit_once(':').map(|(subject, _)| subject)
+    }
+
     /// The label without a subject's prefix: `subject:LKNE` gives `LKNE`.
     pub fn name(&self) -> &str {
         self.label.rsplit_once(':').map_or(self.label.as_str(), |(_, name)| name)

@@ -46,6 +46,8 @@ pub struct Problem {
     pub columns: Vec<usize>,
     /// Label of each column, without a subject's prefix. Only the optional start of the body frame looks at it.
     pub names: Vec<String>,
+    /// The body that each column belongs to, counted from 0: markers with the same subject's prefix. Where only one subject has a prefix, all are one body.
+    pub bodies: Vec<usize>,
     /// Bones; `a` and `b` are columns of the problem.
     pub bones: Vec<Bone>,
     /// Every missing sample as (frame, column of the problem), frame by frame. The order of every [`Estimate`](super::Estimate).
@@ -85,7 +87,8 @@ impl Problem {
         }
         missing_starts.push(missing.len());
         let names = columns.iter().filter_map(|&m| take.markers.get(m)).map(|m| m.name().to_owned()).collect();
-        Self { rate_hz: take.rate_hz, up: take.up, columns, names, bones, missing, frames, positions_mm, missing_starts }
+        let bodies = bodies(take, &columns);
+        Self { rate_hz: take.rate_hz, up: take.up, columns, names, bodies, bones, missing, frames, positions_mm, missing_starts }
     }
 
     /// Number of frames.
@@ -113,4 +116,19 @@ impl Problem {
     pub fn missing_in(&self, frame: usize) -> std::ops::Range<usize> {
         self.missing_starts[frame]..self.missing_starts[frame + 1]
     }
+}
+
+/// Numbers the subjects in the order in which they appear. Markers without a prefix belong to the first subject that has one.
+fn bodies(take: &Take, columns: &[usize]) -> Vec<usize> {
+    let mut subjects: Vec<&str> = Vec::new();
+    columns
+        .iter()
+        .map(|&m| {
+            let Some(subject) = take.markers.get(m).and_then(|marker| marker.subject()).filter(|s| !s.is_empty()) else { return 0 };
+            subjects.iter().position(|s| *s == subject).unwrap_or_else(|| {
+                subjects.push(subject);
+                subjects.len() - 1
+            })
+        })
+        .collect()
 }

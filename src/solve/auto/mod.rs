@@ -12,6 +12,7 @@ mod simulate;
 mod tracks;
 
 use super::{Estimate, Gap, Limits, Problem, Progress, SolveError, Solver};
+use blackout::Blackout;
 use ensemble::{Filling, Scene};
 use rayon::prelude::*;
 use simulate::Seen;
@@ -117,8 +118,17 @@ pub struct Auto<'a> {
     tracks: Tracks,
     pairs: Pairs,
     seen: Vec<Seen>,
+    /// Gaps outside black-outs; one that a black-out cuts counts twice.
     gaps: Vec<Gap>,
     fillings: Vec<Option<Filling>>,
+    /// Each body's black-outs.
+    blackouts: Vec<Blackout>,
+    /// For each body, which frames are dark.
+    dark: Vec<Vec<bool>>,
+    /// The body of each black-out.
+    body_of: Vec<usize>,
+    /// What fills black-outs, one filling for each marker.
+    bridges: Vec<Vec<Filling>>,
     sweep: u32,
     estimate: Estimate,
 }
@@ -132,16 +142,53 @@ impl<'a> Auto<'a> {
     /// Looks at the take; fills nothing yet. `body` is what the model of the whole body makes of it.
     pub fn new(problem: &'a Problem, _body: &Estimate, recipe: Recipe) -> Self {
         let tracks = Tracks::new(problem);
-        let pairs = Pairs::new(&tracks, &vec![0; problem.markers()]);
+        let pairs = Pairs::new(&tracks, &problem.bodies);
         let seen = (0..problem.markers()).map(|i| Seen::new((0..problem.frames()).map(|t| problem.observed(t, i)))).collect();
-        let gaps = tracks.gaps();
+        let (mut blackouts, mut dark, mut body_of) = (Vec::new(), Vec::new(), Vec::new());
+        let bodies = problem.bodies.iter().max().map_or(0, |last| last + 1);
+        for body in 0..bodies {
+            let markers: Vec<usize> = (0..problem.markers()).filter(|&i| problem.bodies[i] == body && tracks.live(i)).collect();
+            let own = blackout::find(&tracks, &markers);
+            let mut frames = vec![false; problem.frames()];
+            for t in own.iter().flat_map(|b| b.start..b.end) {
+                frames[t] = true;
+            }
+            body_of.extend(own.iter().map(|_| body));
+            blackouts.extend(own);
+            dark.push(frames);
+        }
+        let gaps: Vec<Gap> = tracks.gaps(|t, i| dark[problem.bodies[i]][t]);
         let fillings = vec![None; gaps.len()];
-        Self { problem, recipe, tracks, pairs, seen, gaps, fillings, sweep: 0, estimate: Estimate::open(problem.missing.len()) }
+        Self {
+            problem,
+            recipe,
+            tracks,
+            pairs,
+            seen,
+            gaps,
+            fillings,
+            blackouts,
+            dark,
+            body_of,
+            bridges: Vec::new(),
+            sweep: 0,
+            estimate: Estimate::open(problem.missing.len()),
+        }
     }
 
     /// Why each gap was filled as it was.
     pub fn explanations(&self) -> impl Iterator<Item = &Explanation> {
-        self.fillings.iter().flatten().map(|f| &f.explanation)
+        self.fillings.iter().flatten().chain(self.bridges.iter().flatten()).map(|f| &f.explanation)
+    }
+
+    /// Takes a filling over; what was seen stays.
+    fn put(tracks: &mut Tracks, filling: &Filling) {
+        let gap = filling.explanation.gap;
+        for (t, (&place, &sigma)) in (gap.start..gap.end).zip(filling.places_mm.iter().zip(&filling.sigma_mm)) {
+            if !tracks.seen(t, gap.marker) {
+                tracks.put(t, gap.marker, place, sigma);
+            }
+        }
     }
 
     fn publish(&mut self) -> (f64, f64) {
@@ -170,6 +217,16 @@ impl Solver for Auto<'_> {
 
     fn step(&mut self) -> Result<Progress, SolveError> {
         let scale = self.problem.rate_hz / 120.0;
+        let bridges: Vec<Vec<Filling>> = self
+            .blackouts
+            .iter()
+            .zip(&self.body_of)
+            .map(|(blackout, &body)| blackout::fill(&self.tracks, blackout, &self.dark[body], scale, self.recipe.analogs))
+            .collect();
+        for filling in bridges.iter().flatten() {
+            Self::put(&mut self.tracks, filling);
+        }
+        self.bridges = bridges;
         let scene =
             Scene { tracks: &self.tracks, pairs: &self.pairs, seen: &self.seen, scale, sweep: self.sweep, recipe: &self.recipe };
         let has_gaps: Vec<bool> = self.seen.iter().map(|s| s.frames.len() < s.len()).collect();
@@ -180,14 +237,10 @@ impl Solver for Auto<'_> {
         for (g, filling) in todo.into_iter().zip(new) {
             self.fillings[g] = Some(filling);
         }
-        let mut likelihood = 0.0;
-        for (gap, filling) in self.gaps.iter().zip(&self.fillings) {
-            let Some(filling) = filling else { continue };
-            likelihood += filling.likelihood.0;
-            for (k, (&place, &sigma)) in filling.places_mm.iter().zip(&filling.sigma_mm).enumerate() {
-                self.tracks.put(gap.start + k, gap.marker, place, sigma);
-            }
+        for filling in self.fillings.iter().flatten() {
+            Self::put(&mut self.tracks, filling);
         }
+        let likelihood: f64 = self.fillings.iter().flatten().chain(self.bridges.iter().flatten()).map(|f| f.likelihood.0).sum();
         if self.recipe.bones {
             adjust::adjust(&mut self.tracks, &self.pairs);
         }

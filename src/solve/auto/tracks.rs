@@ -101,13 +101,13 @@ impl Tracks {
         (start..end).filter(|&t| !self.seen(t, i)).count() as f64 / (end - start).max(1) as f64
     }
 
-    /// The gaps of the markers that take part, marker by marker.
-    pub fn gaps(&self) -> Vec<Gap> {
+    /// The gaps of the markers that take part, marker by marker, without samples that are `left_out`.
+    pub fn gaps(&self, left_out: impl Fn(usize, usize) -> bool) -> Vec<Gap> {
         let mut gaps = Vec::new();
         for marker in (0..self.markers).filter(|&i| self.live[i]) {
             let mut start = None;
             for t in 0..=self.frames {
-                let missing = t < self.frames && !self.seen(t, marker);
+                let missing = t < self.frames && !self.seen(t, marker) && !left_out(t, marker);
                 match (missing, start) {
                     (true, None) => start = Some(t),
                     (false, Some(from)) => {
