@@ -1,81 +1,215 @@
-//! Bones: what experts filled is moved a little, so that distances are as they were seen.
+//! Bones: what experts filled is moved so that distances are as they were seen, whole gaps at once.
+//!
+//! Experts say where a marker is and how far that may be off; bones say how far apart markers are and how much that varies.
+//! The error of the experts and the length of a bone are processes in time that are known at both edges of a gap, so the fill joins what was seen
+//! and nothing jumps from frame to frame. The problem is that of [`band`](crate::solve::lds::step::band), here in metres as there.
 
-use super::tracks::{Pairs, Tracks, distance};
-use nalgebra::{Matrix3, Vector3};
+use super::tracks::{Tracks, distance};
+use crate::solve::lds::step::band::{Block, End, Episode, Neighbour, Tie, Time, Unknown, Vectors};
+use crate::solve::lds::step::residual;
+use crate::solve::{Bone, Gap};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
-const PER_MARKER: usize = 4;
-const MOST_SPREAD_MM: f64 = 25.0;
-const MOST_DISTANCE_MM: f64 = 500.0;
-const LEAST_TOGETHER: usize = 30;
-const WEIGHT: f64 = 0.2;
+/// How long the error of experts lasts, in seconds.
+const LASTS_S: f64 = 0.2;
 
-fn partners(pairs: &Pairs, tracks: &Tracks) -> Vec<Vec<usize>> {
-    let m = tracks.markers;
-    let mut joined = vec![vec![false; m]; m];
-    for i in (0..m).filter(|&i| tracks.live(i)) {
-        let mut scored: Vec<(f64, usize)> = (0..m)
-            .filter(|&j| j != i && tracks.live(j))
-            .filter(|&j| {
-                let p = pairs.get(i, j);
-                p.together >= LEAST_TOGETHER && p.distance_mm < MOST_DISTANCE_MM && p.spread_mm < MOST_SPREAD_MM
+/// Experts are not believed to be surer than this, mm.
+const LEAST_SIGMA_MM: f64 = 0.3;
+
+/// Bones are not believed to be stiffer than this, mm.
+const LEAST_SPREAD_MM: f64 = 1.0;
+
+/// Factor on the spread of a bone to a marker that is seen: experts look at that marker, so they know most of what the bone says.
+const KNOWN_ALREADY: f64 = 5.0;
+
+/// The most Gauss-Newton steps.
+const MOST_STEPS: usize = 20;
+
+/// What bones demand.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Stiffness {
+    /// They give by the spread that each really shows.
+    #[default]
+    Soft,
+    /// They keep their lengths exactly where they do not contradict each other.
+    Hard,
+}
+
+/// Which gaps are moved together, and by which bones. Fixed for a take.
+pub struct Adjustment {
+    bones: Vec<Bone>,
+    /// Of each bone, how much of its length lasts from frame to frame.
+    lasting: Vec<f64>,
+    episodes: Vec<Together>,
+}
+
+/// Gaps that bones connect.
+struct Together {
+    first: usize,
+    /// For each frame, the markers that are missing.
+    markers: Vec<Vec<usize>>,
+    /// For each frame, the bones at them.
+    bones: Vec<Vec<usize>>,
+    /// Factor on the spread of each bone of the take.
+    slack: Vec<f64>,
+}
+
+impl Adjustment {
+    /// Sorts the gaps of `tracks` by the bones between them.
+    pub fn new(tracks: &Tracks, bones: &[Bone], rate_hz: f64) -> Self {
+        let bones: Vec<Bone> = bones.iter().filter(|b| b.length_mm > 0.0 && tracks.live(b.a) && tracks.live(b.b)).copied().collect();
+        let gaps = tracks.gaps(|_, _| false);
+        let lasting = bones.par_iter().map(|bone| lasting(tracks, bone, rate_hz)).collect();
+        let episodes = together(&gaps, &bones).iter().map(|own| Together::new(&gaps, own, &bones)).collect();
+        Self { bones, lasting, episodes }
+    }
+
+    /// Moves what is filled in `tracks`.
+    pub fn apply(&self, tracks: &mut Tracks, rate_hz: f64, stiffness: Stiffness) {
+        let moved: Vec<Vectors> = self
+            .episodes
+            .par_iter()
+            .map(|own| {
+                let episode = self.episode(own, tracks, rate_hz);
+                let start = episode.blocks.iter().map(|b| b.unknowns.iter().map(|u| u.expected).collect()).collect();
+                match stiffness {
+                    Stiffness::Soft => episode.soft(start, MOST_STEPS),
+                    Stiffness::Hard => episode.hard(start).0,
+                }
             })
-            .map(|j| (pairs.get(i, j).spread_mm, j))
             .collect();
-        scored.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-        for (_, j) in scored.into_iter().take(PER_MARKER) {
-            joined[i][j] = true;
-            joined[j][i] = true;
+        for (own, moved) in self.episodes.iter().zip(moved) {
+            for (at, (markers, places)) in own.markers.iter().zip(moved).enumerate() {
+                for (&i, x) in markers.iter().zip(places) {
+                    let t = own.first + at;
+                    tracks.put(t, i, (x * 1000.0).into(), tracks.sigma(t, i));
+                }
+            }
         }
     }
-    joined.into_iter().map(|row| (0..m).filter(|&j| row[j]).collect()).collect()
+
+    fn episode(&self, own: &Together, tracks: &Tracks, rate_hz: f64) -> Episode {
+        let place = |t: usize, i: usize| Vector3::from(tracks.place(t, i)) / 1000.0;
+        let rho = (-1.0 / (LASTS_S * rate_hz)).exp();
+        let fresh = 1.0 / (1.0 - rho * rho);
+        let missing = |t: usize, i: usize| !tracks.seen(t, i);
+        let blocks = own
+            .markers
+            .iter()
+            .enumerate()
+            .map(|(at, markers)| {
+                let t = own.first + at;
+                let mut block = Block::default();
+                for &i in markers {
+                    let sigma = |t: usize| tracks.sigma(t, i).max(LEAST_SIGMA_MM) / 1000.0 / 3f64.sqrt();
+                    let (now, mut time) = (sigma(t), Time::<Vector3<f64>>::default());
+                    // an autoregressive process whose size follows the predicted error; at the edges the error is 0
+                    let before = t.checked_sub(1);
+                    time.own = if before.is_some() { fresh } else { 1.0 } / (now * now);
+                    if let Some(before) = before.filter(|&b| missing(b, i)) {
+                        time.before = own.markers[at - 1].iter().position(|&j| j == i);
+                        time.link = rho * fresh / (now * sigma(before));
+                    }
+                    if t + 1 < tracks.frames {
+                        time.own += rho * rho * fresh / (now * now);
+                    }
+                    block.unknowns.push(Unknown { sample: 0, expected: place(t, i), time });
+                }
+                let end = |i: usize| markers.iter().position(|&j| j == i).map_or_else(|| End::Fixed(place(t, i)), End::Free);
+                for &k in &own.bones[at] {
+                    let bone = &self.bones[k];
+                    let length = bone.length_mm / 1000.0;
+                    let spread = own.slack[k] * bone.spread_mm.hypot(LEAST_SPREAD_MM) / 1000.0;
+                    let longest = residual::LONGEST * bone.spread_mm.hypot(LEAST_SPREAD_MM) / 1000.0;
+                    let beside = |t: Option<usize>, at: Option<usize>| {
+                        let Some(t) = t.filter(|&t| t < tracks.frames) else { return Neighbour::None };
+                        if tracks.seen(t, bone.a) && tracks.seen(t, bone.b) {
+                            let seen = distance(tracks.place(t, bone.a), tracks.place(t, bone.b)) / 1000.0;
+                            return Neighbour::Known((seen - length).clamp(-longest, longest));
+                        }
+                        let slot = at.and_then(|at| own.bones.get(at)).and_then(|bones| bones.iter().position(|&other| other == k));
+                        slot.map_or(Neighbour::None, Neighbour::Unknown)
+                    };
+                    let time =
+                        Time::new(spread * spread, self.lasting[k], beside(t.checked_sub(1), at.checked_sub(1)), beside(Some(t + 1), Some(at + 1)));
+                    block.ties.push(Tie { ends: [end(bone.a), end(bone.b)], length, time });
+                }
+                block
+            })
+            .collect();
+        Episode { blocks }
+    }
 }
 
-/// Moves filled samples.
-pub fn adjust(tracks: &mut Tracks, pairs: &Pairs) {
-    let partners = partners(pairs, tracks);
-    let moved: Vec<Vec<(usize, [f64; 3])>> = (0..tracks.frames).into_par_iter().with_min_len(32).map(|t| frame(tracks, pairs, &partners, t)).collect();
-    for (t, own) in moved.into_iter().enumerate() {
-        for (i, x) in own {
-            tracks.put(t, i, x, tracks.sigma(t, i));
-        }
-    }
+/// How much of a bone's deviation from its mean length lasts from frame to frame.
+fn lasting(tracks: &Tracks, bone: &Bone, rate_hz: f64) -> f64 {
+    let length = |t: usize| {
+        (tracks.seen(t, bone.a) && tracks.seen(t, bone.b)).then(|| distance(tracks.place(t, bone.a), tracks.place(t, bone.b)) / 1000.0)
+    };
+    let lengths: Vec<Option<f64>> = (0..tracks.frames).map(length).collect();
+    let mean = lengths.iter().flatten().sum::<f64>() / lengths.iter().flatten().count().max(1) as f64;
+    let found: Vec<Option<Vector3<f64>>> = lengths.iter().map(|l| l.map(|l| Vector3::new(l - mean, 0.0, 0.0))).collect();
+    residual::correlation(&found, rate_hz)
 }
 
-fn frame(tracks: &Tracks, pairs: &Pairs, partners: &[Vec<usize>], t: usize) -> Vec<(usize, [f64; 3])> {
-    let free: Vec<usize> = (0..tracks.markers).filter(|&i| tracks.live(i) && !tracks.seen(t, i)).collect();
-    if free.is_empty() {
-        return Vec::new();
-    }
-    let mut now: Vec<[f64; 3]> = (0..tracks.markers).map(|i| tracks.place(t, i)).collect();
-    for _ in 0..10 {
-        let mut most = 0.0f64;
-        for &i in &free {
-            let sigma = tracks.sigma(t, i);
-            let own = 3.0 / sigma.max(0.5).powi(2);
-            let (start, x) = (Vector3::from(tracks.place(t, i)), Vector3::from(now[i]));
-            let mut matrix = Matrix3::identity() * own;
-            let mut slope = own * (x - start);
-            for &j in &partners[i] {
-                let pair = pairs.get(i, j);
-                let weight = WEIGHT / (pair.spread_mm.powi(2) + 1.0);
-                let apart = distance(now[i], now[j]) + 1e-9;
-                let along = (x - Vector3::from(now[j])) / apart;
-                matrix += weight * along * along.transpose();
-                slope += weight * (apart - pair.distance_mm) * along;
-            }
-            let Some(inverse) = matrix.try_inverse() else { continue };
-            let mut off = x - inverse * slope - start;
-            if off.norm() > 2.0 * sigma {
-                off *= 2.0 * sigma / off.norm();
-            }
-            let next = start + off;
-            most = most.max((next - x).norm());
-            now[i] = next.into();
+/// Gaps that bones connect while both last, by their index.
+fn together(gaps: &[Gap], bones: &[Bone]) -> Vec<Vec<usize>> {
+    let mut trees: Vec<usize> = (0..gaps.len()).collect();
+    fn root(trees: &mut [usize], mut at: usize) -> usize {
+        while trees[at] != at {
+            trees[at] = trees[trees[at]];
+            at = trees[at];
         }
-        if most < 0.01 {
-            break;
+        at
+    }
+    let of = |marker: usize| {
+        let from = gaps.partition_point(|g| g.marker < marker);
+        let to = gaps.partition_point(|g| g.marker <= marker);
+        from..to
+    };
+    for bone in bones {
+        let (a, b) = (of(bone.a), of(bone.b));
+        let mut low = b.start;
+        for g in a {
+            while low < b.end && gaps[low].end <= gaps[g].start {
+                low += 1;
+            }
+            for h in (low..b.end).take_while(|&h| gaps[h].start < gaps[g].end) {
+                let (x, y) = (root(&mut trees, g), root(&mut trees, h));
+                trees[x.max(y)] = x.min(y);
+            }
         }
     }
-    free.into_iter().map(|i| (i, now[i])).collect()
+    let mut groups: Vec<Vec<usize>> = vec![Vec::new(); gaps.len()];
+    for g in 0..gaps.len() {
+        groups[root(&mut trees, g)].push(g);
+    }
+    groups.retain(|g| !g.is_empty());
+    groups
+}
+
+impl Together {
+    fn new(gaps: &[Gap], own: &[usize], bones: &[Bone]) -> Self {
+        let first = own.iter().map(|&g| gaps[g].start).min().unwrap_or(0);
+        let last = own.iter().map(|&g| gaps[g].end).max().unwrap_or(first);
+        let mut markers = vec![Vec::new(); last - first];
+        for &g in own {
+            for t in gaps[g].start..gaps[g].end {
+                markers[t - first].push(gaps[g].marker);
+            }
+        }
+        let at = |here: &Vec<usize>| (0..bones.len()).filter(|&k| here.contains(&bones[k].a) || here.contains(&bones[k].b)).collect();
+        let at_frames: Vec<Vec<usize>> = markers.iter().map(at).collect();
+        // one factor for a bone all the time, or its length would not be one process
+        let (mut frames, mut both) = (vec![0usize; bones.len()], vec![0usize; bones.len()]);
+        for (here, own) in markers.iter().zip(&at_frames) {
+            for &k in own {
+                frames[k] += 1;
+                both[k] += usize::from(here.contains(&bones[k].a) && here.contains(&bones[k].b));
+            }
+        }
+        let slack = frames.iter().zip(&both).map(|(&frames, &both)| if 2 * both > frames { 1.0 } else { KNOWN_ALREADY }).collect();
+        Self { first, markers, bones: at_frames, slack }
+    }
 }

@@ -47,8 +47,14 @@ const VELOCITY: f64 = 0.3;
 /// Effective number of tests that decide.
 const EFFECTIVE: f64 = 8.0;
 
+/// How far the strangeness of tests may be from that of the black-out, as a logarithm of distances.
+const STRANGENESS: f64 = 0.5;
+
 /// Shrinkage of the error covariance towards equal shares.
 const SHRINKAGE: f64 = 0.3;
+
+/// Errors on tests against those in real black-outs, measured over several hundred of them: runs near a test may not lend to it.
+const PESSIMISM: f64 = 0.93;
 
 /// Weights below this count for nothing.
 const NOTHING: f64 = 1e-4;
@@ -307,10 +313,17 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
         }
     }
 
-    // tests that look like the black-out decide
+    // tests that look like the black-out decide, and that are as far from everything else as it is
+    let strangeness: Vec<f64> =
+        alike.iter().map(|(global, _)| global.iter().copied().fold(f64::INFINITY, f64::min).max(1e-9).ln() * 0.5).collect();
     let mut width_of_tests = 1.0;
     let weights = loop {
-        let weights = normalised(&distances_of_tests, width_of_tests);
+        let mut weights = normalised(&distances_of_tests, width_of_tests);
+        for (w, s) in weights.iter_mut().zip(&strangeness) {
+            *w *= (-0.5 * ((s - strangeness[tests.len()]) / STRANGENESS).powi(2)).exp() + 1e-6;
+        }
+        let sum: f64 = weights.iter().sum();
+        weights.iter_mut().for_each(|w| *w /= sum);
         let effective = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
         if effective >= EFFECTIVE.min(0.5 * tests.len() as f64) || width_of_tests > 1e3 {
             break weights;
@@ -372,7 +385,7 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
                 }
             }
             let errors_at: Vec<f64> = std::iter::once(0.0).chain(squares.iter().map(|s| s.sqrt())).chain([0.0]).collect();
-            let sigma_mm: Vec<f64> = inside.iter().map(|&k| interpolate(&knots, &errors_at, k) + 0.05).collect();
+            let sigma_mm: Vec<f64> = inside.iter().map(|&k| PESSIMISM * interpolate(&knots, &errors_at, k) + 0.05).collect();
             let predicted_mm = (sigma_mm.iter().map(|s| s * s).sum::<f64>() / length as f64).sqrt();
             let score = |a: usize| covariance_of(&common, a);
             let mut experts: Vec<(String, f64, f64)> =

@@ -12,6 +12,7 @@ mod simulate;
 mod tracks;
 
 use super::{Estimate, Gap, Limits, Problem, Progress, SolveError, Solver};
+use adjust::{Adjustment, Stiffness};
 use blackout::Blackout;
 use ensemble::{Filling, Scene};
 use rayon::prelude::*;
@@ -129,6 +130,7 @@ pub struct Auto<'a> {
     body_of: Vec<usize>,
     /// What fills black-outs, one filling for each marker.
     bridges: Vec<Vec<Filling>>,
+    adjustment: Adjustment,
     sweep: u32,
     estimate: Estimate,
 }
@@ -159,6 +161,7 @@ impl<'a> Auto<'a> {
         }
         let gaps: Vec<Gap> = tracks.gaps(|t, i| dark[problem.bodies[i]][t]);
         let fillings = vec![None; gaps.len()];
+        let adjustment = Adjustment::new(&tracks, &problem.bones, problem.rate_hz);
         Self {
             problem,
             recipe,
@@ -171,6 +174,7 @@ impl<'a> Auto<'a> {
             dark,
             body_of,
             bridges: Vec::new(),
+            adjustment,
             sweep: 0,
             estimate: Estimate::open(problem.missing.len()),
         }
@@ -242,7 +246,7 @@ impl Solver for Auto<'_> {
         }
         let likelihood: f64 = self.fillings.iter().flatten().chain(self.bridges.iter().flatten()).map(|f| f.likelihood.0).sum();
         if self.recipe.bones {
-            adjust::adjust(&mut self.tracks, &self.pairs);
+            self.adjustment.apply(&mut self.tracks, self.problem.rate_hz, Stiffness::Soft);
         }
         self.sweep += 1;
         let (largest_move_mm, rms_move_mm) = self.publish();
