@@ -19,7 +19,7 @@ fn main() -> std::io::Result<()> {
     let solved = Method::default().solve(&problem, &Settings::default(), &Limits::default(), &mut ());
     let found = gaps::gaps(&made.gaps);
     let mut after = made.gaps.clone();
-    let samples = fills::fill(&mut after, &problem, &solved.estimate, &found, &mut vec![Ok(()); found.len()]);
+    let samples = fills::fill(&mut after, &problem, &solved.estimate, &found, &mut vec![Ok(()); found.len()], None);
     let sigma = |frame: usize| samples.iter().find(|s| s.frame == frame && s.marker == marker).map(|s| s.sigma_mm);
     std::io::stdout().write_all(gap_svg(&made.truth, &made.gaps, &after, &sigma, marker).as_bytes())
 }

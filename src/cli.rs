@@ -8,7 +8,7 @@ use crate::inspect::Inspection;
 use crate::log::Terminal;
 use crate::repair::{RepairError, Request, neighbours, open, repair};
 use crate::report::lines;
-use crate::solve::auto::Recipe;
+use crate::solve::auto::{Recipe, Stiffness};
 use crate::solve::lds::em::Noise;
 use crate::solve::lds::step::BoneStep;
 use crate::solve::lds::{EStep, Hidden, Init, Start};
@@ -16,6 +16,7 @@ use crate::solve::{Limits, Method, Settings};
 use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum, error::ErrorKind};
 use formats::{Stated, Unit};
 use serde::Serialize;
+use std::ffi::OsString;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -132,6 +133,23 @@ enum StepArg {
     Gradient,
 }
 
+/// What `--bones` can be given.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum BonesArg {
+    Stiffness(Stiffness),
+    File(PathBuf),
+}
+
+impl From<OsString> for BonesArg {
+    fn from(text: OsString) -> Self {
+        match text.to_str() {
+            Some("soft") => Self::Stiffness(Stiffness::Soft),
+            Some("hard") => Self::Stiffness(Stiffness::Hard),
+            _ => Self::File(text.into()),
+        }
+    }
+}
+
 #[derive(Debug, Args)]
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
 struct RepairArgs {
@@ -190,9 +208,16 @@ struct RepairArgs {
     /// Fill these markers only (labels with or without prefix; * and ? allowed); all others still help
     #[arg(long, value_name = "PATTERN", value_delimiter = ',')]
     markers: Vec<String>,
-    /// Bones to keep (CSV: marker,marker[,length in mm]) instead of those found
-    #[arg(long, value_name = "FILE")]
-    bones: Option<PathBuf>,
+    /// Leave gaps open, whole, of which a sample is predicted to be off by more than this
+    #[arg(long, value_name = "MM", value_parser = positive)]
+    max_sigma: Option<f64>,
+    /// Bones to keep (CSV: marker,marker[,length in mm]) instead of those found, or how auto keeps them: soft, by the spread that each
+    /// shows, or hard, exactly; may be said twice
+    #[arg(long, value_name = "FILE|soft|hard")]
+    bones: Vec<BonesArg>,
+    /// Say for each gap which neighbours and experts filled it, and how far it may be off
+    #[arg(long)]
+    explain: bool,
     #[command(flatten)]
     stated: StatedArgs,
     /// Write one row per filled sample
@@ -278,6 +303,12 @@ impl RepairArgs {
             },
             constant: !self.as_printed,
             recipe: Recipe::default(),
+            stiffness: self
+                .bones
+                .iter()
+                .rev()
+                .find_map(|b| if let BonesArg::Stiffness(s) = b { Some(*s) } else { None })
+                .unwrap_or_default(),
         }
     }
 
@@ -295,7 +326,7 @@ impl RepairArgs {
             in_place: self.in_place,
             log,
             fills: self.fills.clone(),
-            bones: self.bones.clone(),
+            bones: self.bones.iter().rev().find_map(|b| if let BonesArg::File(path) = b { Some(path.clone()) } else { None }),
             force: self.force,
             dry_run: self.dry_run,
             timings: self.timings,
@@ -304,7 +335,7 @@ impl RepairArgs {
             iterations: self.iterations,
             tolerance: self.tolerance,
             seed: self.seed,
-            policy: Policy { max_gap: self.max_gap, extrapolate: self.extrapolate },
+            policy: Policy { max_gap: self.max_gap, extrapolate: self.extrapolate, max_sigma_mm: self.max_sigma },
             markers: self.markers.clone(),
             stated: self.stated.stated(),
             input,
@@ -340,6 +371,12 @@ fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
         let _ = Cli::command().error(ErrorKind::TooManyValues, text).print();
         return 2;
     }
+    if args.method != Method::Auto && args.bones.contains(&BonesArg::Stiffness(Stiffness::Hard)) {
+        let text =
+            format!("--bones hard is for --method auto, not {}; exact bones are also what --method bolero-hc has", args.method.name());
+        let _ = Cli::command().error(ErrorKind::ArgumentConflict, text).print();
+        return 2;
+    }
     let request = args.request();
     let mut terminal = (std::io::stderr().is_terminal() && !args.quiet && !args.json).then(|| Terminal::new(&request.input));
     let result = repair(&request, &mut terminal, interrupt);
@@ -350,6 +387,9 @@ fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
                 print(&report.json());
             } else if !args.quiet {
                 print(&report.text());
+                if args.explain {
+                    print(&format!("\n{}", report.explanation_text()));
+                }
             }
             report.exit_code()
         }

@@ -1,6 +1,7 @@
 //! The filled samples: written into the take, and as a table for whoever wants to know each of them.
 
 use crate::gaps::Open;
+use crate::solve::auto::LEAST_SEEN;
 use crate::solve::{Estimate, Gap, Method, Problem};
 use formats::Take;
 use std::io::{self, Write};
@@ -21,8 +22,15 @@ pub struct Filled {
 }
 
 /// Fills the gaps that were decided for, whole or not at all, and returns their samples, gap by gap.
-/// A gap for which the estimate has a hole stays open: its decision becomes [`Open::Unsolved`].
-pub fn fill(take: &mut Take, problem: &Problem, estimate: &Estimate, gaps: &[Gap], decisions: &mut [Result<(), Open>]) -> Vec<Filled> {
+/// A gap for which the estimate has a hole, or is less sure than `max_sigma_mm`, stays open, and its decision says why.
+pub fn fill(
+    take: &mut Take,
+    problem: &Problem,
+    estimate: &Estimate,
+    gaps: &[Gap],
+    decisions: &mut [Result<(), Open>],
+    max_sigma_mm: Option<f64>,
+) -> Vec<Filled> {
     let mut filled = Vec::new();
     for ((at, gap), decision) in gaps.iter().enumerate().zip(decisions) {
         if decision.is_err() {
@@ -44,6 +52,10 @@ pub fn fill(take: &mut Take, problem: &Problem, estimate: &Estimate, gaps: &[Gap
                 .collect()
         });
         match samples {
+            // an error that is not known may be any
+            Some(samples) if max_sigma_mm.is_some_and(|most| samples.iter().any(|s| s.sigma_mm.is_nan() || s.sigma_mm > most)) => {
+                *decision = Err(Open::TooUnsure);
+            }
             Some(samples) => {
                 for mut s in samples {
                     take.fill(s.frame, s.marker, s.position_mm);
@@ -52,7 +64,10 @@ pub fn fill(take: &mut Take, problem: &Problem, estimate: &Estimate, gaps: &[Gap
                     filled.push(s);
                 }
             }
-            None => *decision = Err(Open::Unsolved),
+            None => {
+                let seen = (0..take.frames()).filter(|&frame| take.position_mm(frame, gap.marker).is_some()).take(LEAST_SEEN).count();
+                *decision = Err(if seen < LEAST_SEEN { Open::TooFewSeen } else { Open::Unsolved });
+            }
         }
     }
     filled

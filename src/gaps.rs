@@ -37,6 +37,10 @@ pub enum Open {
     TooLong,
     /// The user did not ask for this marker.
     NotAskedFor,
+    /// The marker was seen in too few frames to predict it from.
+    TooFewSeen,
+    /// The fill is less sure than the user wants, or the method cannot say how sure it is.
+    TooUnsure,
     /// The method could not say anything.
     Unsolved,
 }
@@ -49,6 +53,8 @@ impl Open {
             Self::AtEnd => "reaches the first or last frame (fill it with --extrapolate)",
             Self::TooLong => "longer than --max-gap",
             Self::NotAskedFor => "not among --markers",
+            Self::TooFewSeen => "the marker was seen in too few frames to predict it from",
+            Self::TooUnsure => "less sure than --max-sigma",
             Self::Unsolved => "the method found no position",
         }
     }
@@ -60,6 +66,8 @@ impl Open {
             Self::AtEnd => "at-end",
             Self::TooLong => "too-long",
             Self::NotAskedFor => "not-asked-for",
+            Self::TooFewSeen => "too-few-seen",
+            Self::TooUnsure => "too-unsure",
             Self::Unsolved => "unsolved",
         }
     }
@@ -72,6 +80,8 @@ pub struct Policy {
     pub max_gap: Option<usize>,
     /// Fill gaps that reach the first or last frame.
     pub extrapolate: bool,
+    /// The largest predicted error of a sample with which a gap is filled, mm; otherwise it stays open whole.
+    pub max_sigma_mm: Option<f64>,
 }
 
 impl Policy {
@@ -125,7 +135,10 @@ mod tests {
         let all = gaps(&t);
         let decide = |policy: &Policy| all.iter().map(|g| policy.decide(g, &t, g.marker != 9)).collect::<Vec<_>>();
         assert_eq!(decide(&Policy::default()), [Ok(()), Ok(()), Err(Open::AtEnd), Err(Open::NeverSeen)]);
-        assert_eq!(decide(&Policy { max_gap: Some(2), extrapolate: true }), [Err(Open::TooLong), Ok(()), Ok(()), Err(Open::NeverSeen)]);
+        assert_eq!(
+            decide(&Policy { max_gap: Some(2), extrapolate: true, ..Policy::default() }),
+            [Err(Open::TooLong), Ok(()), Ok(()), Err(Open::NeverSeen)]
+        );
         assert_eq!(Policy::default().decide(&all[0], &t, false), Err(Open::NotAskedFor));
     }
 }

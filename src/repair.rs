@@ -4,6 +4,7 @@ use crate::bones::{self, BonesError};
 use crate::gaps::{Open, Policy, gaps};
 use crate::log::{About, Closing, LogError, McapLog};
 use crate::report::{GapReport, Report, StageReport};
+use crate::solve::auto::Stiffness;
 use crate::solve::lds::{EStep, Hidden, Init};
 use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Solved, Stop};
 use crate::verify::{Broken, verify};
@@ -183,14 +184,16 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
             accept(request, &solved)?;
             report.stages = solved.stages.iter().map(StageReport::new).collect();
             let estimate = &solved.estimate;
-            report.samples = fills::fill(&mut repaired, &problem, estimate, &found, &mut decisions);
+            report.samples = fills::fill(&mut repaired, &problem, estimate, &found, &mut decisions, request.policy.max_sigma_mm);
+            report.explain(&problem, &solved.explanations, before);
         } else {
             for decision in decisions.iter_mut().filter(|d| d.is_ok()) {
                 *decision = Err(Open::Unsolved);
             }
         }
         report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
-        report.judge_bones(&bones, &repaired);
+        report.attach_explanations(&found);
+        report.judge_bones(&bones, &repaired, request.hard());
         write_out(request, &opened, &repaired, log, &mut report)?;
     }
     report.notes = opened.notes.take();
@@ -334,7 +337,7 @@ fn write_out(request: &Request, opened: &Opened, repaired: &Take, log: Option<Mc
         placed.add(path, staging::publish(table, path).map_err(|e| unwritable(path, &e)))?;
     }
     if let (Some(log), Some(path)) = (log, &request.log) {
-        let closing = Closing { results: report.results(), attachments: Vec::new() };
+        let closing = Closing { results: report.results(), attachments: report.attachments() };
         match log.finish(&closing) {
             Ok(_) => {
                 report.log = Some(path.clone());
@@ -483,6 +486,11 @@ fn read(path: &Path) -> Result<Vec<u8>, RepairError> {
 }
 
 impl Request {
+    /// True if bones are to keep their lengths exactly.
+    pub fn hard(&self) -> bool {
+        self.method == Method::BoleroHc || (self.method == Method::Auto && self.settings.stiffness == Stiffness::Hard)
+    }
+
     /// The options that shape the result, by name, for the records.
     pub fn options(&self) -> Vec<(String, String)> {
         let mut options = vec![
@@ -509,6 +517,8 @@ impl Request {
             ("iterations".to_owned(), self.iterations.to_string()),
             ("tolerance".to_owned(), self.tolerance.to_string()),
             ("extrapolate".to_owned(), self.policy.extrapolate.to_string()),
+            ("bones".to_owned(), format!("{:?}", self.settings.stiffness).to_lowercase()),
+            ("max_sigma".to_owned(), self.policy.max_sigma_mm.map_or_else(|| "none".to_owned(), |s| s.to_string())),
             ("max_gap".to_owned(), self.policy.max_gap.map_or_else(|| "none".to_owned(), |g| g.to_string())),
         ];
         if !self.markers.is_empty() {

@@ -5,10 +5,10 @@
 
 use clap::Parser;
 use formats::{Stated, Take, TakeBuilder, Unit};
+use mocap_repair::bones;
 use mocap_repair::repair::{neighbours, open};
 use mocap_repair::solve::auto::Recipe;
 use mocap_repair::solve::{Limits, Method, Problem, Settings};
-use mocap_repair::bones;
 use rayon::prelude::*;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -74,8 +74,7 @@ fn main() -> ExitCode {
 }
 
 fn work(args: &Args) -> Result<(), String> {
-    let shared = std::env::var_os("MOCAP_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
+    let shared = std::env::var_os("MOCAP_SHARED").map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared"), PathBuf::from);
     let lists = if args.cases.is_empty() { vec![shared.join("bench/cases.json")] } else { args.cases.clone() };
     let mut recipe = Recipe::default();
     for name in &args.without {
@@ -85,10 +84,8 @@ fn work(args: &Args) -> Result<(), String> {
     for list in &lists {
         let text = std::fs::read_to_string(list).map_err(|e| format!("{}: {e}", list.display()))?;
         let cases: Vec<Case> = serde_json::from_str(&text).map_err(|e| format!("{}: {e}", list.display()))?;
-        let cases: Vec<Case> = cases
-            .into_iter()
-            .filter(|c| args.kinds.contains(&c.kind) && (c.trial < args.trials || c.kind == "paper"))
-            .collect();
+        let cases: Vec<Case> =
+            cases.into_iter().filter(|c| args.kinds.contains(&c.kind) && (c.trial < args.trials || c.kind == "paper")).collect();
         let mut takes: BTreeMap<&str, Take> = BTreeMap::new();
         for case in &cases {
             if !takes.contains_key(case.motion.as_str()) {
@@ -98,10 +95,8 @@ fn work(args: &Args) -> Result<(), String> {
                 takes.insert(&case.motion, opened.document.take().clone());
             }
         }
-        let scores: Vec<Score> = cases
-            .par_iter()
-            .map(|case| judge(case, &takes[case.motion.as_str()], args.method, &recipe))
-            .collect::<Result<_, _>>()?;
+        let scores: Vec<Score> =
+            cases.par_iter().map(|case| judge(case, &takes[case.motion.as_str()], args.method, &recipe)).collect::<Result<_, _>>()?;
         let mut print = |text: String| writeln!(out, "{text}").map_err(|e| e.to_string());
         print(format!("{} {}", list.display(), args.without.join(",")))?;
         if args.each {
@@ -109,7 +104,12 @@ fn work(args: &Args) -> Result<(), String> {
                 let [marker, first, last] = case.gaps[0];
                 print(format!(
                     "{} {} {}: {:.2} mm, calibration {:.2}, {} frames of {marker} from {first}",
-                    case.motion, case.kind, case.trial, score.rmse_mm, score.calibration, last + 1 - first
+                    case.motion,
+                    case.kind,
+                    case.trial,
+                    score.rmse_mm,
+                    score.calibration,
+                    last + 1 - first
                 ))?;
             }
         }
@@ -168,7 +168,10 @@ fn judge(case: &Case, truth: &Take, method: Method, recipe: &Recipe) -> Result<S
     }
     let n = problem.missing.len() as f64;
     let place = |t: usize, i: usize| {
-        problem.missing.binary_search(&(t, i)).map_or_else(|_| problem.position_mm(t, i).unwrap_or([f64::NAN; 3]), |k| estimate.positions_mm[k])
+        problem
+            .missing
+            .binary_search(&(t, i))
+            .map_or_else(|_| problem.position_mm(t, i).unwrap_or([f64::NAN; 3]), |k| estimate.positions_mm[k])
     };
     let (mut off, mut counts) = ([0.0; 2], [0usize; 2]);
     for bone in &problem.bones {

@@ -90,7 +90,7 @@ pub fn attempt(case: &Case, truth: &Take, methods: &[Method]) -> Result<Trial, S
         }
         let mut take = holed.clone();
         let mut decisions = vec![Ok(()); found.len()];
-        fills::fill(&mut take, &problem, &solved.estimate, &found, &mut decisions);
+        fills::fill(&mut take, &problem, &solved.estimate, &found, &mut decisions, None);
         let mse_mm2 = mse(truth, &take, &case.hidden).ok_or_else(|| about("a gap was left open"))?;
         Ok(Fill { method, mse_mm2, converged: outcome.stop == Stop::Converged, take: (case.kind == Kind::Paper).then_some(take) })
     };

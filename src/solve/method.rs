@@ -1,6 +1,6 @@
 //! The methods that can be chosen, and the solvers they stand for.
 
-use super::auto::{Auto, Explanation, Recipe};
+use super::auto::{Auto, Explanation, Recipe, Stiffness};
 use super::interpolate::{Curve, Interpolate};
 use super::lds::em::Noise;
 use super::lds::step::BoneStep;
@@ -49,12 +49,14 @@ pub struct Settings {
     pub constant: bool,
     /// What `auto` is made of.
     pub recipe: Recipe,
+    /// What bones demand of `auto`.
+    pub stiffness: Stiffness,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         let Options { hidden, e_step, noise, start, init, step, constant, .. } = Options::default();
-        Self { hidden, lambda: None, e_step, noise, start, init, step, constant, recipe: Recipe::default() }
+        Self { hidden, lambda: None, e_step, noise, start, init, step, constant, recipe: Recipe::default(), stiffness: Stiffness::Soft }
     }
 }
 
@@ -108,7 +110,7 @@ impl Method {
         let outcome = run(first.as_mut(), problem, 0, &begin, observer);
         let mut solved = Solved { stages: vec![Stage { method: first.name(), outcome }], ..Solved::default() };
         if self == Self::Auto && solved.goes_on() {
-            let mut auto = Auto::new(problem, first.estimate(), settings.recipe);
+            let mut auto = Auto::new(problem, first.estimate(), settings.recipe, settings.stiffness);
             let outcome = run(&mut auto, problem, 1, &Limits { steps: settings.recipe.sweeps, ..*limits }, observer);
             solved.stages.push(Stage { method: auto.name(), outcome });
             solved.estimate = auto.estimate().clone();

@@ -90,7 +90,7 @@ struct Repaired {
 /// Repairs a take in memory with so many rounds of EM, which do not end early: the way of `repair` between opening and writing.
 fn repaired(take: &Take, method: Method, settings: &Settings, rounds: usize, extrapolate: bool) -> Repaired {
     let every = vec![true; take.markers.len()];
-    let policy = Policy { max_gap: None, extrapolate };
+    let policy = Policy { extrapolate, ..Policy::default() };
     let gaps = gaps(take);
     let mut decisions: Vec<_> = gaps.iter().map(|gap| policy.decide(gap, take, true)).collect();
     let problem = Problem::new(take, &every, &bones::find(take, &every));
@@ -98,7 +98,7 @@ fn repaired(take: &Take, method: Method, settings: &Settings, rounds: usize, ext
     if problem.markers() > 0 {
         let limits = Limits { steps: rounds as u32, tolerance: 0.0, still_mm: 0.0, interrupt: None };
         let solved = method.solve(&problem, settings, &limits, &mut ());
-        fills::fill(&mut filled, &problem, &solved.estimate, &gaps, &mut decisions);
+        fills::fill(&mut filled, &problem, &solved.estimate, &gaps, &mut decisions, None);
     }
     Repaired { take: filled, gaps, decisions }
 }

@@ -131,8 +131,12 @@ impl Adjustment {
                         let slot = at.and_then(|at| own.bones.get(at)).and_then(|bones| bones.iter().position(|&other| other == k));
                         slot.map_or(Neighbour::None, Neighbour::Unknown)
                     };
-                    let time =
-                        Time::new(spread * spread, self.lasting[k], beside(t.checked_sub(1), at.checked_sub(1)), beside(Some(t + 1), Some(at + 1)));
+                    let time = Time::new(
+                        spread * spread,
+                        self.lasting[k],
+                        beside(t.checked_sub(1), at.checked_sub(1)),
+                        beside(Some(t + 1), Some(at + 1)),
+                    );
                     block.ties.push(Tie { ends: [end(bone.a), end(bone.b)], length, time });
                 }
                 block

@@ -5,12 +5,12 @@
 //! All are judged on runs of the take that are treated as if they were black-outs themselves, those alike counting more; the judgement is
 //! half common to all markers and half each marker's own.
 
+use super::Explanation;
 use super::ensemble::{Filling, context, interpolate};
+use super::features::spread;
 use super::frame::nearest;
 use super::kriging::{Process, Smoothness};
 use super::tracks::{Tracks, distance};
-use super::features::spread;
-use super::Explanation;
 use crate::solve::Gap;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use rayon::prelude::*;
@@ -181,7 +181,8 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
         if !clear(start - first, start) || !clear(end, end + last) {
             continue;
         }
-        let runs: Vec<usize> = (first..(frames + 1).saturating_sub(length + last)).filter(|&a| clear(a - first, a + length + last)).collect();
+        let runs: Vec<usize> =
+            (first..(frames + 1).saturating_sub(length + last)).filter(|&a| clear(a - first, a + length + last)).collect();
         if runs.len() >= LEAST_RUNS {
             chosen = Some((Context::new(&before, &after, length), runs));
             break;
@@ -304,9 +305,8 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
                 let mut prediction = predictions[base].clone();
                 add(&mut prediction, 1.0, &shape);
                 predictions.push(prediction);
-                let of_tests = (0..tests.len())
-                    .map(|r| errors[base][r].iter().zip(&lent[r][expert]).map(|(e, l)| e - l).collect())
-                    .collect();
+                let of_tests =
+                    (0..tests.len()).map(|r| errors[base][r].iter().zip(&lent[r][expert]).map(|(e, l)| e - l).collect()).collect();
                 errors.push(of_tests);
                 names.push(format!("analog{}-{}", expert + 1, names[base]));
             }
@@ -494,8 +494,11 @@ fn alone(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64) -> Vec
         Vec::new()
     };
     let one = |&i: &usize| {
-        let track: Vec<f64> =
-            context.offsets.iter().flat_map(|&k| tracks.place((start as isize + k).clamp(0, tracks.frames as isize - 1) as usize, i)).collect();
+        let track: Vec<f64> = context
+            .offsets
+            .iter()
+            .flat_map(|&k| tracks.place((start as isize + k).clamp(0, tracks.frames as isize - 1) as usize, i))
+            .collect();
         let mut places_mm = Vec::with_capacity(length);
         let mut sigma_mm = Vec::with_capacity(length);
         if two_sided {

@@ -182,7 +182,8 @@ impl Scene<'_> {
             .iter()
             .map(|k| Carry { real: k.weights(&times(&edges), &times(&inside)), simulated: k.weights(&around_times, &times(&positions)) })
             .collect();
-        let case = Case { gap, learn, inside, edges, judged, beside, starts, hidden, weight, carries, stride, noise: self.noise(gap, &order) };
+        let case =
+            Case { gap, learn, inside, edges, judged, beside, starts, hidden, weight, carries, stride, noise: self.noise(gap, &order) };
 
         if simulation.count() < 4 {
             let local = self.local(&case, &order, Base::Nearest(5), &[]);
@@ -208,14 +209,19 @@ impl Scene<'_> {
         let mut families = experts::families(situation);
         families.retain(|f| self.recipe.frames || f.base == Base::Nearest(5));
         for family in &mut families {
-            family.specs.retain(|spec| self.recipe.bent || !spec.parts.iter().any(|p| matches!(p, Part::Near { .. } | Part::Products(_) | Part::Bumps { .. })));
+            family.specs.retain(|spec| {
+                self.recipe.bent || !spec.parts.iter().any(|p| matches!(p, Part::Near { .. } | Part::Products(_) | Part::Bumps { .. }))
+            });
             for spec in &mut family.specs {
                 for part in &mut spec.parts {
                     *part = part.capped(neighbours);
                 }
             }
         }
-        if neighbours < 8 && situation != Situation::Draft && let Some(first) = families.first_mut() {
+        if neighbours < 8
+            && situation != Situation::Draft
+            && let Some(first) = families.first_mut()
+        {
             first.specs.push(Spec { name: "rigid", parts: Vec::new(), prior: 1.0 });
         }
         families
@@ -262,7 +268,8 @@ impl Scene<'_> {
             });
             DMatrix::from_iterator(3, frames.len(), values)
         };
-        let targets = Targets { learn: target(&case.learn), judged: target(&case.judged), beside: target(&case.beside), edges: target(&case.edges) };
+        let targets =
+            Targets { learn: target(&case.learn), judged: target(&case.judged), beside: target(&case.beside), edges: target(&case.edges) };
         let mut groups: Vec<Vec<&Spec>> = Vec::new();
         for spec in &family.specs {
             // nested sets of places share their sums
@@ -291,7 +298,9 @@ impl Scene<'_> {
                 let mut noise = vec![0.0; used - 1];
                 let places = if let Some(Part::Place(k)) = spec.parts.first() { 3 * k } else { 0 };
                 noise[..places].copy_from_slice(&case.noise[..places]);
-                let Some(fit) = sums.fit(used, spec.prior, &noise, self.recipe.stiffness * self.scale / case.stride as f64) else { continue };
+                let Some(fit) = sums.fit(used, spec.prior, &noise, self.recipe.stiffness * self.scale / case.stride as f64) else {
+                    continue;
+                };
                 let doubt: f64 = (1..used).map(|k| noise[k - 1] * fit.all.row(k).norm_squared()).sum();
                 self.carry(case, spec, family.base, &local, mean, &fit, &tables, &targets, doubt, experts);
             }

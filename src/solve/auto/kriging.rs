@@ -1,6 +1,6 @@
 //! Simple kriging in time: what a smooth process of known covariance does between samples.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DMatrix;
 
 /// The covariance of a process over time, variance 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -47,12 +47,5 @@ impl Process {
             // nearly the same times: the least-norm solution says the same
             None => own.svd(true, true).solve(&cross, 1e-12).unwrap_or_else(|_| DMatrix::zeros(n, wanted.len())),
         }
-    }
-
-    /// Variance that remains at `wanted` when `known` is known, as a share of the variance.
-    pub fn remaining(&self, known: &[f64], weights: &DMatrix<f64>, wanted: &[f64]) -> DVector<f64> {
-        DVector::from_fn(wanted.len(), |b, _| {
-            1.0 - known.iter().enumerate().map(|(a, &k)| weights[(a, b)] * self.covariance(k - wanted[b])).sum::<f64>()
-        })
     }
 }

@@ -11,8 +11,11 @@ mod ridge;
 mod simulate;
 mod tracks;
 
+pub use adjust::Stiffness;
+pub use tracks::LEAST_SEEN;
+
 use super::{Estimate, Gap, Limits, Problem, Progress, SolveError, Solver};
-use adjust::{Adjustment, Stiffness};
+use adjust::Adjustment;
 use blackout::Blackout;
 use ensemble::{Filling, Scene};
 use rayon::prelude::*;
@@ -131,6 +134,7 @@ pub struct Auto<'a> {
     /// What fills black-outs, one filling for each marker.
     bridges: Vec<Vec<Filling>>,
     adjustment: Adjustment,
+    stiffness: Stiffness,
     sweep: u32,
     estimate: Estimate,
 }
@@ -142,7 +146,7 @@ impl<'a> Auto<'a> {
     }
 
     /// Looks at the take; fills nothing yet. `body` is what the model of the whole body makes of it.
-    pub fn new(problem: &'a Problem, _body: &Estimate, recipe: Recipe) -> Self {
+    pub fn new(problem: &'a Problem, _body: &Estimate, recipe: Recipe, stiffness: Stiffness) -> Self {
         let tracks = Tracks::new(problem);
         let pairs = Pairs::new(&tracks, &problem.bodies);
         let seen = (0..problem.markers()).map(|i| Seen::new((0..problem.frames()).map(|t| problem.observed(t, i)))).collect();
@@ -175,6 +179,7 @@ impl<'a> Auto<'a> {
             body_of,
             bridges: Vec::new(),
             adjustment,
+            stiffness,
             sweep: 0,
             estimate: Estimate::open(problem.missing.len()),
         }
@@ -231,8 +236,7 @@ impl Solver for Auto<'_> {
             Self::put(&mut self.tracks, filling);
         }
         self.bridges = bridges;
-        let scene =
-            Scene { tracks: &self.tracks, pairs: &self.pairs, seen: &self.seen, scale, sweep: self.sweep, recipe: &self.recipe };
+        let scene = Scene { tracks: &self.tracks, pairs: &self.pairs, seen: &self.seen, scale, sweep: self.sweep, recipe: &self.recipe };
         let has_gaps: Vec<bool> = self.seen.iter().map(|s| s.frames.len() < s.len()).collect();
         let todo: Vec<usize> = (0..self.gaps.len())
             .filter(|&g| self.fillings[g].as_ref().is_none_or(|f: &Filling| f.neighbours.iter().any(|&j| has_gaps[j])))
@@ -245,10 +249,12 @@ impl Solver for Auto<'_> {
             Self::put(&mut self.tracks, filling);
         }
         let likelihood: f64 = self.fillings.iter().flatten().chain(self.bridges.iter().flatten()).map(|f| f.likelihood.0).sum();
-        if self.recipe.bones {
-            self.adjustment.apply(&mut self.tracks, self.problem.rate_hz, Stiffness::Soft);
-        }
         self.sweep += 1;
+        if self.recipe.bones || self.stiffness == Stiffness::Hard {
+            // on the way bones that contradict each other must not decide what others learn from
+            let stiffness = if self.sweep == self.recipe.sweeps { self.stiffness } else { Stiffness::Soft };
+            self.adjustment.apply(&mut self.tracks, self.problem.rate_hz, stiffness);
+        }
         let (largest_move_mm, rms_move_mm) = self.publish();
         Ok(Progress {
             log_likelihood: Some(likelihood),

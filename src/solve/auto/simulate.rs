@@ -114,8 +114,7 @@ fn blocks(starts: &[usize], frames: usize, seen: &Seen) -> Vec<Block> {
             let middle = own[own.len() / 2];
             let reach = widest.saturating_sub(frames) / 2;
             let near: Vec<usize> = own.iter().copied().filter(|a| a.abs_diff(middle) <= reach).collect();
-            let mut chosen: Vec<usize> =
-                (0..IN_BLOCK).map(|j| near[j * (near.len() - 1) / (IN_BLOCK - 1)]).collect();
+            let mut chosen: Vec<usize> = (0..IN_BLOCK).map(|j| near[j * (near.len() - 1) / (IN_BLOCK - 1)]).collect();
             chosen.dedup();
             let hidden = chosen[0]..chosen.last().copied().unwrap_or(chosen[0]) + frames;
             Block { starts: chosen, hidden }

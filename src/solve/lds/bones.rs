@@ -14,8 +14,8 @@
 //!
 //! Missing markers that no chain of bones between missing markers connects are independent: each group is its own small system.
 
-use crate::solve::kernel::{add_square, axpy};
 use super::model::Model;
+use crate::solve::kernel::{add_square, axpy};
 use nalgebra::{DMatrix, DVector};
 
 /// A bone in the solver's own terms.

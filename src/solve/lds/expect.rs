@@ -2,10 +2,10 @@
 
 use super::em::Moments;
 use super::evidence::Spoken;
-use crate::solve::kernel::dot;
 use super::product::outer;
 use super::smoother::Smoothed;
 use super::{EStep, Lds};
+use crate::solve::kernel::dot;
 use nalgebra::{DMatrix, Vector3};
 use rayon::prelude::*;
 

@@ -13,9 +13,9 @@
 //! Where consecutive frames say the same (everything seen, or the same markers missing), `S` and `V̂` converge within some tens of frames.
 //! From there on one matrix serves all: a *run* costs a matrix-vector product per frame and one matrix product in all.
 
-use crate::solve::kernel::{dot, invert, product, subtract_product};
 use super::model::Model;
 use crate::solve::SolveError;
+use crate::solve::kernel::{dot, invert, product, subtract_product};
 use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, DVector, DVectorView};
 
 /// What the frames say about their hidden states.
