@@ -91,6 +91,25 @@ impl Problem {
         Self { rate_hz: take.rate_hz, up: take.up, columns, names, bodies, bones, missing, frames, positions_mm, missing_starts }
     }
 
+    /// The same with more samples, (frame, column), hidden.
+    #[must_use]
+    pub fn hiding(&self, samples: &[(usize, usize)]) -> Self {
+        let mut other = self.clone();
+        let markers = self.columns.len();
+        for &(t, i) in samples {
+            other.positions_mm[t * markers + i] = [f64::NAN; 3];
+        }
+        other.missing.clear();
+        other.missing_starts.clear();
+        for t in 0..self.frames {
+            other.missing_starts.push(other.missing.len());
+            let row = &other.positions_mm[t * markers..(t + 1) * markers];
+            other.missing.extend(row.iter().enumerate().filter(|(_, x)| x[0].is_nan()).map(|(i, _)| (t, i)));
+        }
+        other.missing_starts.push(other.missing.len());
+        other
+    }
+
     /// Number of frames.
     pub fn frames(&self) -> usize {
         self.frames

@@ -1,5 +1,6 @@
 //! One gap: experts predict it, simulated gaps judge them, and their mean weighed by that evidence fills it.
 
+use super::body::Body;
 use super::experts::{self, ALL, Base, Family, Situation, Spec};
 use super::features::{Features, Local, Part, lag_frames, spread};
 use super::frame::{Core, Pose};
@@ -8,9 +9,12 @@ use super::ridge::{Fit, Sums};
 use super::simulate::{Seen, Simulation};
 use super::tracks::{Pairs, Tracks, UNKNOWN_MM};
 use super::{Explanation, Recipe};
-use crate::solve::Gap;
+use crate::solve::{Gap, Problem};
 use crate::solve::kernel::dot;
 use nalgebra::{DMatrix, DVector, Vector3};
+
+/// A limb is missing if so many of the four most rigid neighbours are.
+pub const LIMB: usize = 2;
 
 /// Markers that make the frame of the trunk.
 const TRUNK: usize = 8;
@@ -54,6 +58,10 @@ pub struct Scene<'a> {
     pub sweep: u32,
     /// What is used.
     pub recipe: &'a Recipe,
+    /// The problem, and what the model of the whole body says about it.
+    pub problem: &'a Problem,
+    /// See [`Body`].
+    pub body: &'a Body,
 }
 
 /// What fills a gap.
@@ -96,7 +104,7 @@ fn squares(e: &[f64]) -> f64 {
 
 impl Scene<'_> {
     /// Neighbours of a gap's marker, best first, and how many of the four most rigid ones are missing with it.
-    fn order(&self, gap: &Gap) -> (Vec<usize>, usize) {
+    pub fn order(&self, gap: &Gap) -> (Vec<usize>, usize) {
         let (i, tracks) = (gap.marker, self.tracks);
         let mut scored: Vec<(f64, usize)> = Vec::new();
         let mut rigid: Vec<(f64, bool)> = Vec::new();
@@ -148,7 +156,7 @@ impl Scene<'_> {
         let simulation = Simulation::new(seen, gap.frames());
         let again = order.iter().take(24).any(|&j| self.seen[j].frames.len() < self.seen[j].len());
         let situation = match missing_with_it {
-            2.. if self.recipe.limbs => Situation::Limb,
+            LIMB.. if self.recipe.limbs => Situation::Limb,
             _ if self.sweep == 0 && again => Situation::Draft,
             _ => Situation::Plain,
         };
@@ -196,6 +204,9 @@ impl Scene<'_> {
         if experts.is_empty() {
             let local = self.local(&case, &order, Base::Nearest(5), &[]);
             return self.without_evidence(&case, &local);
+        }
+        if situation == Situation::Limb && self.recipe.body {
+            experts.extend(self.ask_body(&case));
         }
         let combined = combine(&experts, &case, if self.recipe.stacking { COMBINED } else { 1 }, self.recipe.consensus);
         self.finish(&case, &order, &experts, &combined, &simulation, &positions)
@@ -307,6 +318,24 @@ impl Scene<'_> {
         }
     }
 
+    /// What the model of the whole body says, if it can be judged.
+    fn ask_body(&self, case: &Case) -> Option<Expert> {
+        let gap = case.gap;
+        let said = self.body.prediction(self.problem, gap)?;
+        let mut errors = DMatrix::zeros(3, case.judged.len());
+        let mut known = vec![false; case.judged.len()];
+        for (((mut column, &t), w), known) in errors.column_iter_mut().zip(&case.judged).zip(&case.weight).zip(&mut known) {
+            let Some(x) = self.body.said(t, gap.marker).filter(|_| *w > 0.0) else { continue };
+            let real = self.tracks.place(t, gap.marker);
+            column.copy_from_slice(&[real[0] - x[0], real[1] - x[1], real[2] - x[2]]);
+            *known = true;
+        }
+        let total = known.iter().filter(|k| **k).count() as f64;
+        let prediction = DMatrix::from_iterator(3, said.len(), said.into_iter().flatten());
+        let score = squares(errors.as_slice()) / total;
+        (total > 0.0).then_some(Expert { name: "body", base: Base::Nearest(0), carry: 0, prediction, errors, doubt: 0.0, score, total, known })
+    }
+
     /// What one regression says, with each way to carry what is left at the edges into the gap.
     #[allow(clippy::too_many_arguments)] // one step of a chain
     fn carry(
@@ -355,7 +384,7 @@ impl Scene<'_> {
                 column.copy_from_slice(&x);
             }
             let score = squares(errors.as_slice()) / case.total() + doubt;
-            experts.push(Expert { name: spec.name, base, carry, prediction, errors, doubt, score });
+            experts.push(Expert { name: spec.name, base, carry, prediction, errors, doubt, score, total: case.total(), known: case.weight.iter().map(|w| *w > 0.0).collect() });
         }
     }
 
@@ -455,7 +484,7 @@ impl Scene<'_> {
     ) -> Filling {
         let (length, p) = (case.inside.len(), positions.len());
         let prediction = mix(shares, experts, |e| &e.prediction);
-        let errors = mix(shares, experts, |e| &e.errors);
+        let errors = mixed_errors(shares, experts);
         let doubt: f64 = shares.iter().map(|&(e, share)| share * experts[e].doubt).sum();
         // at each position: error of the combination, and how far experts are apart, over the simulated gaps
         let mut count = vec![0.0; p];
@@ -464,7 +493,7 @@ impl Scene<'_> {
             let at = n % p;
             count[at] += w;
             square[at] += squares(errors.column(n).as_slice());
-            for &(e, share) in shares {
+            for &(e, share) in shares.iter().filter(|&&(e, _)| experts[e].known[n]) {
                 apart[at] += share * (experts[e].errors.column(n) - errors.column(n)).norm_squared();
             }
         }
@@ -577,6 +606,10 @@ struct Expert {
     doubt: f64,
     /// Mean square error with that, mm².
     score: f64,
+    /// How many errors those are.
+    total: f64,
+    /// For each judged sample, true if the error is known; it is 0 if not.
+    known: Vec<bool>,
 }
 
 impl Expert {
@@ -611,28 +644,41 @@ fn mix<'e>(shares: &[(usize, f64)], experts: &'e [Expert], what: impl Fn(&'e Exp
     sum
 }
 
+/// The error of the weighed mean; where an expert's error is not known, that of the mean of the others.
+fn mixed_errors(shares: &[(usize, f64)], experts: &[Expert]) -> DMatrix<f64> {
+    let mut errors = mix(shares, experts, |e| &e.errors);
+    for (n, mut column) in errors.column_iter_mut().enumerate() {
+        let silent: f64 = shares.iter().filter(|&&(e, _)| !experts[e].known[n]).map(|s| s.1).sum();
+        if silent > 0.0 && silent < 1.0 {
+            column /= 1.0 - silent;
+        }
+    }
+    errors
+}
+
 /// The best mean of the best experts, by the covariance of their errors, shrunk strongly towards equal shares.
 /// Of each regression only the best way to carry counts: the others would say the same again.
 ///
 /// With `consensus`, experts that depart from the mean in the gap more than they did in simulated gaps lose what they gained: they extrapolate.
 fn combine(experts: &[Expert], case: &Case, most: usize, consensus: bool) -> Vec<(usize, f64)> {
     let mut penalties = vec![0.0; experts.len()];
-    let mut shares = weigh(experts, &penalties, case.total(), most);
+    let mut shares = weigh(experts, &penalties, most);
     if consensus {
         let prediction = mix(&shares, experts, |e| &e.prediction);
-        let errors = mix(&shares, experts, |e| &e.errors);
+        let errors = mixed_errors(&shares, experts);
         let apart = |a: &DMatrix<f64>, b: &DMatrix<f64>| a.as_slice().iter().zip(b.as_slice()).map(|(x, y)| (x - y) * (x - y)).sum::<f64>();
         for (penalty, expert) in penalties.iter_mut().zip(experts) {
             let here = apart(&expert.prediction, &prediction) / case.inside.len() as f64;
-            let there = apart(&expert.errors, &errors) / case.total();
+            let own = expert.errors.column_iter().zip(errors.column_iter()).zip(&expert.known).filter(|(_, known)| **known);
+            let there = own.map(|((e, mean), _)| (e - mean).norm_squared()).sum::<f64>() / expert.total;
             *penalty = (here - there).max(0.0);
         }
-        shares = weigh(experts, &penalties, case.total(), most);
+        shares = weigh(experts, &penalties, most);
     }
     shares
 }
 
-fn weigh(experts: &[Expert], penalties: &[f64], total: f64, most: usize) -> Vec<(usize, f64)> {
+fn weigh(experts: &[Expert], penalties: &[f64], most: usize) -> Vec<(usize, f64)> {
     let mut best: Vec<usize> = (0..experts.len()).collect();
     let score = |e: usize| experts[e].score + penalties[e];
     best.sort_by(|&a, &b| score(a).total_cmp(&score(b)).then(a.cmp(&b)));
@@ -650,7 +696,8 @@ fn weigh(experts: &[Expert], penalties: &[f64], total: f64, most: usize) -> Vec<
     let mut covariance = DMatrix::zeros(m, m);
     for a in 0..m {
         for b in 0..=a {
-            let value = dot(experts[best[a]].errors.as_slice(), experts[best[b]].errors.as_slice()) / total;
+            let both = experts[best[a]].total.min(experts[best[b]].total);
+            let value = dot(experts[best[a]].errors.as_slice(), experts[best[b]].errors.as_slice()) / both;
             covariance[(a, b)] = value;
             covariance[(b, a)] = value;
         }

@@ -2,6 +2,7 @@
 
 mod adjust;
 mod blackout;
+mod body;
 mod ensemble;
 mod experts;
 mod features;
@@ -17,6 +18,7 @@ pub use tracks::LEAST_SEEN;
 use super::{Estimate, Gap, Limits, Problem, Progress, SolveError, Solver};
 use adjust::Adjustment;
 use blackout::Blackout;
+use body::Body;
 use ensemble::{Filling, Scene};
 use rayon::prelude::*;
 use simulate::Seen;
@@ -47,6 +49,8 @@ pub struct Recipe {
     pub limbs: bool,
     /// The bones' adjustment.
     pub bones: bool,
+    /// The model of the whole body is an expert where limbs are missing.
+    pub body: bool,
     /// Other parts of the take lend to black-outs.
     pub analogs: bool,
     /// How stiff coefficients are.
@@ -65,6 +69,7 @@ impl Default for Recipe {
             frames: true,
             limbs: true,
             bones: true,
+            body: true,
             analogs: true,
             stiffness: 5.0,
         }
@@ -86,12 +91,13 @@ impl Recipe {
             "frames" => &mut self.frames,
             "limbs" => &mut self.limbs,
             "bones" => &mut self.bones,
+            "body" => &mut self.body,
             "analogs" => &mut self.analogs,
             "sweeps" => {
                 self.sweeps = 1;
                 return Ok(());
             }
-            _ => return Err("kriging, stacking, consensus, spread, bent, frames, limbs, bones, analogs, sweeps"),
+            _ => return Err("kriging, stacking, consensus, spread, bent, frames, limbs, bones, body, analogs, sweeps"),
         };
         *ingredient = false;
         Ok(())
@@ -133,6 +139,7 @@ pub struct Auto<'a> {
     body_of: Vec<usize>,
     /// What fills black-outs, one filling for each marker.
     bridges: Vec<Vec<Filling>>,
+    body: Body,
     adjustment: Adjustment,
     stiffness: Stiffness,
     sweep: u32,
@@ -145,8 +152,8 @@ impl<'a> Auto<'a> {
         Limits { steps: limits.steps.min(BODY_ROUNDS), tolerance: limits.tolerance.max(1e-3), ..*limits }
     }
 
-    /// Looks at the take; fills nothing yet. `body` is what the model of the whole body makes of it.
-    pub fn new(problem: &'a Problem, _body: &Estimate, recipe: Recipe, stiffness: Stiffness) -> Self {
+    /// Looks at the take; fills nothing yet.
+    pub fn new(problem: &'a Problem, recipe: Recipe, stiffness: Stiffness) -> Self {
         let tracks = Tracks::new(problem);
         let pairs = Pairs::new(&tracks, &problem.bodies);
         let seen = (0..problem.markers()).map(|i| Seen::new((0..problem.frames()).map(|t| problem.observed(t, i)))).collect();
@@ -178,11 +185,43 @@ impl<'a> Auto<'a> {
             dark,
             body_of,
             bridges: Vec::new(),
+            body: Body::default(),
             adjustment,
             stiffness,
             sweep: 0,
             estimate: Estimate::open(problem.missing.len()),
         }
+    }
+
+    /// What is common to all gaps of a sweep.
+    fn scene(&self) -> Scene<'_> {
+        Scene {
+            tracks: &self.tracks,
+            pairs: &self.pairs,
+            seen: &self.seen,
+            scale: self.problem.rate_hz / 120.0,
+            sweep: self.sweep,
+            recipe: &self.recipe,
+            problem: self.problem,
+            body: &self.body,
+        }
+    }
+
+    /// Asks the model of the whole body, of which `estimate` is what it makes of the gaps, and judges it where limbs are missing.
+    /// `solver` makes it, `limits` are those it was learned within.
+    #[must_use]
+    pub fn with_body(
+        mut self,
+        estimate: &Estimate,
+        limits: &Limits<'_>,
+        solver: &dyn for<'p> Fn(&'p Problem) -> Box<dyn Solver + 'p>,
+    ) -> Self {
+        if self.recipe.body && self.recipe.limbs {
+            let scene = self.scene();
+            let limbs: Vec<Gap> = self.gaps.iter().filter(|gap| scene.order(gap).1 >= ensemble::LIMB).copied().collect();
+            self.body = Body::new(self.problem, estimate, &self.tracks, &self.seen, &limbs, limits, solver);
+        }
+        self
     }
 
     /// Why each gap was filled as it was.
@@ -236,7 +275,7 @@ impl Solver for Auto<'_> {
             Self::put(&mut self.tracks, filling);
         }
         self.bridges = bridges;
-        let scene = Scene { tracks: &self.tracks, pairs: &self.pairs, seen: &self.seen, scale, sweep: self.sweep, recipe: &self.recipe };
+        let scene = self.scene();
         let has_gaps: Vec<bool> = self.seen.iter().map(|s| s.frames.len() < s.len()).collect();
         let todo: Vec<usize> = (0..self.gaps.len())
             .filter(|&g| self.fillings[g].as_ref().is_none_or(|f: &Filling| f.neighbours.iter().any(|&j| has_gaps[j])))
