@@ -60,8 +60,9 @@ impl Adjustment {
     pub fn new(tracks: &Tracks, bones: &[Bone], rate_hz: f64) -> Self {
         let bones: Vec<Bone> = bones.iter().filter(|b| b.length_mm > 0.0 && tracks.live(b.a) && tracks.live(b.b)).copied().collect();
         let gaps = tracks.gaps(|_, _| false);
-        let lasting = bones.par_iter().map(|bone| lasting(tracks, bone, rate_hz)).collect();
-        let episodes = together(&gaps, &bones).iter().map(|own| Together::new(&gaps, own, &bones)).collect();
+        let (lasting, mean): (Vec<f64>, Vec<f64>) = bones.par_iter().map(|bone| lasting(tracks, bone, rate_hz)).unzip();
+        let as_seen: Vec<bool> = bones.iter().zip(mean).map(|(bone, mean)| (bone.length_mm - mean).abs() <= 2.0 * bone.spread_mm.max(LEAST_SPREAD_MM)).collect();
+        let episodes = together(&gaps, &bones).iter().map(|own| Together::new(&gaps, own, &bones, &as_seen)).collect();
         Self { bones, lasting, episodes }
     }
 
@@ -146,15 +147,15 @@ impl Adjustment {
     }
 }
 
-/// How much of a bone's deviation from its mean length lasts from frame to frame.
-fn lasting(tracks: &Tracks, bone: &Bone, rate_hz: f64) -> f64 {
+/// How much of a bone's deviation from its mean length lasts from frame to frame, and that mean, mm.
+fn lasting(tracks: &Tracks, bone: &Bone, rate_hz: f64) -> (f64, f64) {
     let length = |t: usize| {
         (tracks.seen(t, bone.a) && tracks.seen(t, bone.b)).then(|| distance(tracks.place(t, bone.a), tracks.place(t, bone.b)) / 1000.0)
     };
     let lengths: Vec<Option<f64>> = (0..tracks.frames).map(length).collect();
     let mean = lengths.iter().flatten().sum::<f64>() / lengths.iter().flatten().count().max(1) as f64;
     let found: Vec<Option<Vector3<f64>>> = lengths.iter().map(|l| l.map(|l| Vector3::new(l - mean, 0.0, 0.0))).collect();
-    residual::correlation(&found, rate_hz)
+    (residual::correlation(&found, rate_hz), 1000.0 * mean)
 }
 
 /// Gaps that bones connect while both last, by their index.
@@ -194,7 +195,8 @@ fn together(gaps: &[Gap], bones: &[Bone]) -> Vec<Vec<usize>> {
 }
 
 impl Together {
-    fn new(gaps: &[Gap], own: &[usize], bones: &[Bone]) -> Self {
+    /// `as_seen`: bones of the length that was seen.
+    fn new(gaps: &[Gap], own: &[usize], bones: &[Bone], as_seen: &[bool]) -> Self {
         let first = own.iter().map(|&g| gaps[g].start).min().unwrap_or(0);
         let last = own.iter().map(|&g| gaps[g].end).max().unwrap_or(first);
         let mut markers = vec![Vec::new(); last - first];
@@ -213,7 +215,8 @@ impl Together {
                 both[k] += usize::from(here.contains(&bones[k].a) && here.contains(&bones[k].b));
             }
         }
-        let slack = frames.iter().zip(&both).map(|(&frames, &both)| if 2 * both > frames { 1.0 } else { KNOWN_ALREADY }).collect();
+        let known = |k: usize| as_seen[k] && 2 * both[k] <= frames[k];
+        let slack = (0..bones.len()).map(|k| if known(k) { KNOWN_ALREADY } else { 1.0 }).collect();
         Self { first, markers, bones: at_frames, slack }
     }
 }

@@ -285,8 +285,10 @@ impl Ready {
                 for (j, x) in own.iter().enumerate() {
                     let (row, others) = rest.split_at_mut(own.len() - j);
                     for (out, y) in row.iter_mut().zip(&own[j..]) {
-                        *out = self.factor * x * y;
+                        *out = 2f64.sqrt() * self.factor * x * y;
                     }
+                    // a mixed product stands for two entries of the square matrix, so that nothing depends on where the axes point
+                    row[0] = self.factor * x * x;
                     rest = others;
                 }
             }

@@ -97,6 +97,7 @@ impl Core<'_> {
         let Some(&middle) = learn.get(learn.len() / 2) else { return vec![Pose::world_frame(); frames.len()] };
         let mut shape: Vec<Vector3<f64>> = self.markers.iter().map(|&i| self.tracks.place(middle, i).into()).collect();
         for _ in 0..2 {
+            centre(&mut shape);
             let mut near = Matrix3::identity();
             let mut sums = vec![Vector3::zeros(); shape.len()];
             for &t in learn {
@@ -107,8 +108,17 @@ impl Core<'_> {
             }
             shape = sums.into_iter().map(|sum| sum / learn.len() as f64).collect();
         }
+        centre(&mut shape);
         let mut near = Matrix3::identity();
         frames.iter().map(|&t| self.lay(&shape, t, &mut near)).collect()
+    }
+}
+
+/// Puts the frame's origin into the middle of its markers: wherever the take was made, the frame moves as they do.
+fn centre(shape: &mut [Vector3<f64>]) {
+    let mean = shape.iter().sum::<Vector3<f64>>() / shape.len().max(1) as f64;
+    for s in shape {
+        *s -= mean;
     }
 }
 

@@ -125,7 +125,7 @@ const ROUNDS: usize = 40;
 const TRIED: usize = 5;
 
 /// Soft bones are settled when a step gains less than this for each missing sample, in nats: nobody could tell the difference from the data.
-const SETTLED: f64 = 1e-4;
+const SETTLED: f64 = 1e-7;
 
 /// Steps that move nothing farther than this are the last in any case, m.
 const STILL_M: f64 = 1e-7;
