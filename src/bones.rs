@@ -3,7 +3,7 @@
 //! What a bone is for the solvers, [`Bone`], is a pair of columns with a length and a spread; this file finds them.
 //! Spread and length are robust: a label that jumps to another marker for a while must not hide a bone, nor invent one.
 
-use crate::solve::Bone;
+use crate::solve::{Bone, forest};
 use formats::{Role, Take};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
@@ -60,7 +60,7 @@ pub fn find(take: &Take, include: &[bool]) -> Vec<Bone> {
     let mut tree: Vec<usize> = (0..take.markers.len()).collect(); // union-find
     let mut degree = vec![0usize; take.markers.len()];
     for (at, (_, bone)) in candidates.iter().enumerate() {
-        let (root_a, root_b) = (root(&mut tree, bone.a), root(&mut tree, bone.b));
+        let (root_a, root_b) = (forest::root(&mut tree, bone.a), forest::root(&mut tree, bone.b));
         let connects = root_a != root_b;
         if connects && let Some(r) = tree.get_mut(root_a) {
             *r = root_b;
@@ -83,14 +83,6 @@ pub fn find(take: &Take, include: &[bool]) -> Vec<Bone> {
 /// Length and spread (mm) of one pair over all frames in which both are seen; `None` if those are too few.
 pub fn measure(take: &Take, a: usize, b: usize) -> Option<(f64, f64)> {
     spread((0..take.frames()).filter_map(|f| Some(distance(take.position_mm(f, a)?, take.position_mm(f, b)?))).collect())
-}
-
-fn root(tree: &mut [usize], mut at: usize) -> usize {
-    while tree[at] != at {
-        tree[at] = tree[tree[at]];
-        at = tree[at];
-    }
-    at
 }
 
 fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {

@@ -7,7 +7,7 @@
 //! - [`gaps`], [`bones`]: what is missing and what is stiff
 //! - [`solve`]: problems, solvers, the loop, and its observers
 //! - [`log`]: observers that write: the MCAP log, the progress line
-//! - [`fills`], [`report`], [`inspect`]: what is told afterwards, or beforehand
+//! - [`fills`], [`report`], [`explain`], [`inspect`]: what is told afterwards, or beforehand
 //! - [`staging`], [`verify`]: files appear whole or not at all, and only after they were proven
 //! - [`demo`]: a synthetic take to try it on
 //! - [`cli`]: what was typed
@@ -15,6 +15,7 @@
 pub mod bones;
 pub mod cli;
 pub mod demo;
+pub mod explain;
 pub mod fills;
 pub mod gaps;
 pub mod inspect;

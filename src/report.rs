@@ -1,11 +1,10 @@
 //! What a repair did, for people, for scripts, and for the exit code.
 
+use crate::explain::Part;
 use crate::fills::Filled;
 use crate::gaps::Open;
-use crate::log::Attachment;
 use crate::repair::{Opened, Request};
-use crate::solve::auto::Explanation;
-use crate::solve::{Bone, Gap, Problem, Stage, Stop};
+use crate::solve::{Bone, Gap, Stage, Stop};
 use formats::{Note, Origin, Take};
 use serde::Serialize;
 use std::fmt::Write;
@@ -34,7 +33,7 @@ pub struct GapReport {
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub explanation: Vec<Part>,
     #[serde(skip)]
-    why: Option<Open>,
+    pub(crate) why: Option<Open>,
 }
 
 impl GapReport {
@@ -60,40 +59,6 @@ impl GapReport {
             })
             .collect()
     }
-}
-
-/// Why a stretch of a gap was filled as it was.
-#[derive(Clone, Debug, Serialize)]
-pub struct Part {
-    /// First frame, the file's number.
-    pub first_frame: i64,
-    /// Last frame, the file's number.
-    pub last_frame: i64,
-    /// Predicted error, root mean square, mm.
-    pub predicted_mm: f64,
-    /// Number of simulated gaps that judged.
-    pub simulated_gaps: usize,
-    /// Their length in frames.
-    pub simulated_frames: usize,
-    /// Labels of the markers that experts looked at, best first.
-    pub neighbours: Vec<String>,
-    /// Experts, largest share first.
-    pub experts: Vec<Share>,
-    /// Column of the take, to find the gap.
-    #[serde(skip)]
-    marker: usize,
-}
-
-/// An expert's part in a fill.
-#[derive(Clone, Debug, Serialize)]
-pub struct Share {
-    /// What it is: `docs/algorithm.md` explains the names.
-    pub expert: String,
-    /// Its share; shares sum to 1.
-    pub share: f64,
-    /// Its root mean square error on simulated gaps, mm; absent if there were none.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub error_mm: Option<f64>,
 }
 
 /// How one model ended.
@@ -123,6 +88,18 @@ impl StageReport {
             log_likelihood: outcome.last.and_then(|p| p.log_likelihood),
             rms_residual_mm: outcome.last.and_then(|p| p.rms_residual_mm),
         }
+    }
+}
+
+impl StageReport {
+    /// In a few words: what it was, why and when it ended, and what came before.
+    fn text(&self, before: &[Self]) -> String {
+        let mut said = Vec::new();
+        if self.stop != Stop::Converged.word() || self.log_likelihood.is_some() || self.iterations > 1 {
+            said.push(format!("{} after {}", self.stop.replace('-', " "), count(self.iterations as usize, "iteration")));
+        }
+        said.extend(before.iter().map(|s| format!("{} of {} before", s.iterations, s.method)));
+        if said.is_empty() { self.method.to_owned() } else { format!("{} ({})", self.method, said.join(", ")) }
     }
 }
 
@@ -224,87 +201,6 @@ impl Report {
             notes: Vec::new(),
             dry_run: request.dry_run,
         }
-    }
-
-    /// Takes over what a method says about its fills.
-    pub fn explain(&mut self, problem: &Problem, explanations: &[Explanation], take: &Take) {
-        let label = |&column: &usize| take.display_label(problem.columns[column]);
-        self.parts = explanations
-            .iter()
-            .map(|e| Part {
-                first_frame: take.frame_label(e.gap.start),
-                last_frame: take.frame_label(e.gap.end - 1),
-                predicted_mm: e.predicted_mm,
-                simulated_gaps: e.simulated,
-                simulated_frames: e.simulated_frames,
-                neighbours: e.neighbours.iter().map(label).collect(),
-                experts: e
-                    .experts
-                    .iter()
-                    .map(|(expert, share, error)| Share {
-                        expert: expert.clone(),
-                        share: *share,
-                        error_mm: error.is_finite().then_some(*error),
-                    })
-                    .collect(),
-                marker: problem.columns[e.gap.marker],
-            })
-            .collect();
-    }
-
-    /// Sorts explanations by gap.
-    pub fn attach_explanations(&mut self, gaps: &[Gap]) {
-        self.parts.sort_by_key(|p| (p.marker, p.first_frame));
-        for (report, gap) in self.gaps.iter_mut().zip(gaps).filter(|(r, _)| r.open.is_none()) {
-            let from = self.parts.partition_point(|p| (p.marker, p.first_frame) < (gap.marker, report.first_frame));
-            let own = self.parts[from..].iter().take_while(|p| p.marker == gap.marker && p.last_frame <= report.last_frame);
-            report.explanation = own.cloned().collect();
-        }
-    }
-
-    /// What goes into the log as files: every gap with its explanation.
-    pub fn attachments(&self) -> Vec<Attachment> {
-        if self.parts.is_empty() {
-            return Vec::new();
-        }
-        vec![Attachment {
-            name: "gaps.jsonl".to_owned(),
-            media_type: "application/jsonl".to_owned(),
-            bytes: lines(&self.gaps).into_bytes(),
-        }]
-    }
-
-    /// For people: why each gap was filled as it was.
-    pub fn explanation_text(&self) -> String {
-        let mut out = String::new();
-        for gap in &self.gaps {
-            let what =
-                format!("gap {}: {}, {} to {}, {}", gap.gap, gap.marker, gap.first_frame, gap.last_frame, count(gap.frames, "frame"));
-            let _ = writeln!(out, "{what}{}", gap.why.map_or_else(String::new, |why| format!(", left open: {}", why.reason())));
-            for part in &gap.explanation {
-                let _ = writeln!(
-                    out,
-                    "  frames     {} to {}: predicted error {:.1} mm, judged by {}",
-                    part.first_frame,
-                    part.last_frame,
-                    part.predicted_mm,
-                    match part.simulated_gaps {
-                        0 => "nothing: too little was seen".to_owned(),
-                        n => format!("{} of {}", count(n, "simulated gap"), count(part.simulated_frames, "frame")),
-                    }
-                );
-                if !part.neighbours.is_empty() {
-                    let shown = part.neighbours.iter().take(8).cloned().collect::<Vec<_>>().join(" ");
-                    let more = part.neighbours.len().saturating_sub(8);
-                    let _ = writeln!(out, "  neighbours {shown}{}", if more > 0 { format!(" and {more} more") } else { String::new() });
-                }
-                for share in part.experts.iter().take(5) {
-                    let error = share.error_mm.map_or_else(String::new, |e| format!(", error {e:.1} mm on simulated gaps"));
-                    let _ = writeln!(out, "  {:>3.0} %      {}{error}", 100.0 * share.share, share.expert);
-                }
-            }
-        }
-        out
     }
 
     /// Measures the bones of the repaired take. `hard`: they were to keep their lengths.
@@ -479,15 +375,7 @@ impl Report {
         }
         if !self.dry_run && !self.gaps.is_empty() {
             let filled = self.gaps.len() - self.open_gaps().count();
-            let stages: Vec<String> = self
-                .stages
-                .iter()
-                .map(|s| match s.log_likelihood {
-                    Some(_) => format!("{} ({} after {} iterations)", s.method, s.stop.replace('-', " "), s.iterations),
-                    None => s.method.to_owned(),
-                })
-                .collect();
-            let by = if stages.is_empty() { String::new() } else { format!(" by {}", stages.join(", ")) };
+            let by = self.stages.split_last().map_or_else(String::new, |(last, before)| format!(" by {}", last.text(before)));
             line("filled", format!("{} with {}{by}", count(filled, "gap"), count(self.samples.len(), "sample")));
             let mut sigmas: Vec<f64> = self.samples.iter().map(|s| s.sigma_mm).filter(|s| s.is_finite()).collect();
             sigmas.sort_by(f64::total_cmp);

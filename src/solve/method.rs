@@ -110,7 +110,8 @@ impl Method {
         let outcome = run(first.as_mut(), problem, 0, &begin, observer);
         let mut solved = Solved { stages: vec![Stage { method: first.name(), outcome }], ..Solved::default() };
         if self == Self::Auto && solved.goes_on() {
-            let mut auto = Auto::new(problem, settings.recipe, settings.stiffness).with_body(first.estimate(), &begin, &|judged| self.solver(judged, settings));
+            let mut auto = Auto::new(problem, settings.recipe, settings.stiffness)
+                .with_body(first.estimate(), &begin, &|judged| self.solver(judged, settings));
             let outcome = run(&mut auto, problem, 1, &Limits { steps: settings.recipe.sweeps, ..*limits }, observer);
             solved.stages.push(Stage { method: auto.name(), outcome });
             solved.estimate = auto.estimate().clone();

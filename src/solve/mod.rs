@@ -6,6 +6,7 @@
 
 pub mod auto;
 pub mod body;
+pub(crate) mod forest;
 pub mod interpolate;
 mod kernel;
 pub mod lds;

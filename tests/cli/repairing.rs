@@ -51,7 +51,7 @@ fn a_repair_writes_take_and_log_and_tells() {
     let heads: Vec<&str> = ran.out.lines().skip(1).filter_map(|line| line.split_whitespace().next()).collect();
     assert_eq!(heads, ["take", "gaps", "longest", "filled", "expected", "bones", "log"]);
     assert!(ran.out.starts_with("walk-gaps.c3d -> walk.c3d\n"), "{}", ran.out);
-    assert!(ran.out.contains(&format!("with {} samples by bolero-sc (converged after ", holes.len())), "{}", ran.out);
+    assert!(ran.out.contains(&format!("with {} samples by auto (converged after 3 iterations, ", holes.len())), "{}", ran.out);
     assert!(ran.out.lines().all(|line| line.chars().count() <= 100), "{}", ran.out);
 
     assert!(missing(&walk).is_empty());
@@ -119,7 +119,7 @@ fn json_is_one_message_per_line() {
         ("input", "walk-gaps.c3d".into()),
         ("output", "walk.c3d".into()),
         ("log", "walk.mcap".into()),
-        ("method", "bolero-sc".into()),
+        ("method", "auto".into()),
         ("frames", FRAMES.into()),
         ("gaps", gaps.len().into()),
         ("gaps_left_open", open.into()),

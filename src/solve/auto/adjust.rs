@@ -5,6 +5,7 @@
 //! and nothing jumps from frame to frame. The problem is that of [`band`](crate::solve::lds::step::band), here in metres as there.
 
 use super::tracks::{Tracks, distance};
+use crate::solve::forest;
 use crate::solve::lds::step::band::{Block, End, Episode, Neighbour, Tie, Time, Unknown, Vectors};
 use crate::solve::lds::step::residual;
 use crate::solve::{Bone, Gap};
@@ -61,7 +62,8 @@ impl Adjustment {
         let bones: Vec<Bone> = bones.iter().filter(|b| b.length_mm > 0.0 && tracks.live(b.a) && tracks.live(b.b)).copied().collect();
         let gaps = tracks.gaps(|_, _| false);
         let (lasting, mean): (Vec<f64>, Vec<f64>) = bones.par_iter().map(|bone| lasting(tracks, bone, rate_hz)).unzip();
-        let as_seen: Vec<bool> = bones.iter().zip(mean).map(|(bone, mean)| (bone.length_mm - mean).abs() <= 2.0 * bone.spread_mm.max(LEAST_SPREAD_MM)).collect();
+        let as_seen: Vec<bool> =
+            bones.iter().zip(mean).map(|(bone, mean)| (bone.length_mm - mean).abs() <= 2.0 * bone.spread_mm.max(LEAST_SPREAD_MM)).collect();
         let episodes = together(&gaps, &bones).iter().map(|own| Together::new(&gaps, own, &bones, &as_seen)).collect();
         Self { bones, lasting, episodes }
     }
@@ -161,13 +163,6 @@ fn lasting(tracks: &Tracks, bone: &Bone, rate_hz: f64) -> (f64, f64) {
 /// Gaps that bones connect while both last, by their index.
 fn together(gaps: &[Gap], bones: &[Bone]) -> Vec<Vec<usize>> {
     let mut trees: Vec<usize> = (0..gaps.len()).collect();
-    fn root(trees: &mut [usize], mut at: usize) -> usize {
-        while trees[at] != at {
-            trees[at] = trees[trees[at]];
-            at = trees[at];
-        }
-        at
-    }
     let of = |marker: usize| {
         let from = gaps.partition_point(|g| g.marker < marker);
         let to = gaps.partition_point(|g| g.marker <= marker);
@@ -181,14 +176,14 @@ fn together(gaps: &[Gap], bones: &[Bone]) -> Vec<Vec<usize>> {
                 low += 1;
             }
             for h in (low..b.end).take_while(|&h| gaps[h].start < gaps[g].end) {
-                let (x, y) = (root(&mut trees, g), root(&mut trees, h));
+                let (x, y) = (forest::root(&mut trees, g), forest::root(&mut trees, h));
                 trees[x.max(y)] = x.min(y);
             }
         }
     }
     let mut groups: Vec<Vec<usize>> = vec![Vec::new(); gaps.len()];
     for g in 0..gaps.len() {
-        groups[root(&mut trees, g)].push(g);
+        groups[forest::root(&mut trees, g)].push(g);
     }
     groups.retain(|g| !g.is_empty());
     groups

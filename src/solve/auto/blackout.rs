@@ -6,10 +6,12 @@
 //! half common to all markers and half each marker's own.
 
 use super::Explanation;
-use super::ensemble::{Filling, context, interpolate};
+use super::alike::{apart, looks, neighbourhood, normalised, velocity_pairs};
+use super::ensemble::{Filling, context};
 use super::features::spread;
 use super::frame::nearest;
 use super::kriging::{Process, Smoothness};
+use super::stack::interpolate;
 use super::tracks::{Tracks, distance};
 use crate::solve::Gap;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
@@ -37,12 +39,6 @@ const STARTS: usize = 3;
 /// Widths of the analogs' weights, relative to the least distance: one for the whole body, three for each marker's surroundings.
 const WHOLE_WIDTHS: [f64; 1] = [0.6];
 const LOCAL_WIDTHS: [f64; 3] = [0.4, 0.6, 0.9];
-
-/// How far a marker's surroundings reach, mm.
-const SURROUNDINGS_MM: f64 = 150.0;
-
-/// What velocities count against positions.
-const VELOCITY: f64 = 0.3;
 
 /// Effective number of tests that decide.
 const EFFECTIVE: f64 = 8.0;
@@ -86,9 +82,11 @@ pub fn find(tracks: &Tracks, markers: &[usize]) -> Vec<Blackout> {
 }
 
 /// Frames around a run, relative to its first frame, ascending; `before` of them lie before it.
-struct Context {
-    offsets: Vec<isize>,
-    before: usize,
+pub struct Context {
+    /// Those frames.
+    pub offsets: Vec<isize>,
+    /// How many lie before it.
+    pub before: usize,
 }
 
 impl Context {
@@ -150,13 +148,6 @@ fn apply(weights: &DMatrix<f64>, context: &[f64], width: usize) -> Vec<f64> {
         }
     }
     out
-}
-
-fn normalised(distances: &[f64], width: f64) -> Vec<f64> {
-    let least = distances.iter().copied().fold(f64::INFINITY, f64::min) + 1e-9;
-    let raw: Vec<f64> = distances.iter().map(|d| (-0.5 * (d - least) / (width * width * least)).exp()).collect();
-    let sum: f64 = raw.iter().sum();
-    raw.into_iter().map(|w| w / sum).collect()
 }
 
 /// Fills one black-out: one filling for each marker of the body, over all its frames. `dark` are all dark frames of the body.
@@ -300,8 +291,8 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
                     out
                 })
                 .collect();
-            for expert in 0..count {
-                let shape = apply(&spline, &lent[tests.len()][expert], width);
+            for (expert, own) in lent[tests.len()].iter().enumerate() {
+                let shape = apply(&spline, own, width);
                 let mut prediction = predictions[base].clone();
                 add(&mut prediction, 1.0, &shape);
                 predictions.push(prediction);
@@ -323,7 +314,9 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
             *w *= (-0.5 * ((s - strangeness[tests.len()]) / STRANGENESS).powi(2)).exp() + 1e-6;
         }
         let sum: f64 = weights.iter().sum();
-        weights.iter_mut().for_each(|w| *w /= sum);
+        for w in &mut weights {
+            *w /= sum;
+        }
         let effective = 1.0 / weights.iter().map(|w| w * w).sum::<f64>();
         if effective >= EFFECTIVE.min(0.5 * tests.len() as f64) || width_of_tests > 1e3 {
             break weights;
@@ -358,7 +351,9 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
             let ones = DVector::from_element(e, 1.0);
             let mut shares: Vec<f64> = covariance.cholesky().map_or(vec![1.0; e], |c| c.solve(&ones).iter().map(|x| x.max(0.0)).collect());
             let sum: f64 = shares.iter().sum();
-            shares.iter_mut().for_each(|s| *s /= sum);
+            for s in &mut shares {
+                *s /= sum;
+            }
             let mut places_mm = vec![[0.0; 3]; length];
             for (share, prediction) in shares.iter().zip(&predictions) {
                 for (k, place) in places_mm.iter_mut().enumerate() {
@@ -403,63 +398,6 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
 /// Root mean square error of an expert over all markers, mm; the covariance sums over positions, so this is up to a common factor.
 fn covariance_of(common: &DMatrix<f64>, expert: usize) -> f64 {
     (common[(expert, expert)] / POSITIONS as f64).sqrt()
-}
-
-/// Pairs of context frames from which velocities are taken, and the factor that makes of them what counts.
-fn velocity_pairs(context: &Context, scale: f64, length: usize) -> Vec<(usize, usize, f64)> {
-    let wanted: Vec<isize> = [1.0f64, 5.0, 12.0, 24.0].iter().map(|k| ((k * scale).round() as isize).max(1)).collect();
-    let before: Vec<usize> = (0..context.before).filter(|&i| wanted.contains(&-context.offsets[i])).collect();
-    let after: Vec<usize> =
-        (context.before..context.offsets.len()).filter(|&i| wanted.contains(&(context.offsets[i] - length as isize + 1))).collect();
-    let pairs: Vec<(usize, usize)> = [before, after].iter().flat_map(|side| side.windows(2).map(|w| (w[0], w[1]))).collect();
-    let count = pairs.len();
-    pairs
-        .into_iter()
-        .map(|(i, j)| {
-            let factor = length as f64 * (2.0 * VELOCITY / count as f64).sqrt() / (context.offsets[j] - context.offsets[i]) as f64;
-            (i, j, factor)
-        })
-        .collect()
-}
-
-/// What runs are compared by: positions at both edges, and velocities, each 3 × markers.
-fn looks(flat: &[f64], context: &Context, pairs: &[(usize, usize, f64)], _length: usize, width: usize) -> Vec<f64> {
-    let row = |i: usize| &flat[i * width..(i + 1) * width];
-    let mut out = row(context.before - 1).to_vec();
-    out.extend_from_slice(row(context.before));
-    for &(i, j, factor) in pairs {
-        out.extend(row(i).iter().zip(row(j)).map(|(a, b)| factor * (b - a)));
-    }
-    out
-}
-
-/// Half the squared difference of two looks, marker by marker.
-fn apart(a: &[f64], b: &[f64], m: usize) -> Vec<f64> {
-    let mut out = vec![0.0; m];
-    for (a, b) in a.chunks_exact(3 * m).zip(b.chunks_exact(3 * m)) {
-        for (out, (a, b)) in out.iter_mut().zip(a.chunks_exact(3).zip(b.chunks_exact(3))) {
-            *out += 0.5 * ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2));
-        }
-    }
-    out
-}
-
-/// For each marker, what its surroundings count: markers × markers, each row sums to 1.
-fn neighbourhood(target: &[f64], rows: usize, m: usize) -> Vec<f64> {
-    let place = |r: usize, i: usize| [0, 1, 2].map(|axis| target[(r * m + i) * 3 + axis]);
-    let mut out = vec![0.0; m * m];
-    for i in 0..m {
-        for j in 0..m {
-            let mean = (0..rows).map(|r| distance(place(r, i), place(r, j))).sum::<f64>() / rows as f64;
-            out[i * m + j] = (-0.5 * (mean / SURROUNDINGS_MM).powi(2)).exp();
-        }
-    }
-    // weights that each marker gives away sum to 1, as in a mean over what it is near to
-    for row in out.chunks_exact_mut(m) {
-        let sum: f64 = row.iter().sum();
-        row.iter_mut().for_each(|w| *w /= sum);
-    }
-    out
 }
 
 /// The natural cubic spline through zero at both edges and values at the positions: positions × frames.

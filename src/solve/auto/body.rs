@@ -65,7 +65,8 @@ impl Body {
             let mut model = solver(&judged);
             run(model.as_mut(), &judged, 0, limits, &mut ());
             let places = &model.estimate().positions_mm;
-            body.said = body.hidden.iter().map(|sample| judged.missing.binary_search(sample).map_or([f64::NAN; 3], |k| places[k])).collect();
+            body.said =
+                body.hidden.iter().map(|sample| judged.missing.binary_search(sample).map_or([f64::NAN; 3], |k| places[k])).collect();
         }
         body
     }

@@ -7,7 +7,7 @@ use super::tracks::Tracks;
 use nalgebra::{Matrix3, Vector3};
 
 /// Where a set of markers is in one frame: `world = turn · local + origin`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Pose {
     turn: Matrix3<f64>,
     origin: Vector3<f64>,

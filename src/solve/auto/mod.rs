@@ -1,6 +1,8 @@
 //! `auto`: every gap chooses among experts by evidence from the take itself.
 
 mod adjust;
+mod alike;
+mod ask;
 mod blackout;
 mod body;
 mod ensemble;
@@ -10,6 +12,7 @@ mod frame;
 mod kriging;
 mod ridge;
 mod simulate;
+mod stack;
 mod tracks;
 
 pub use adjust::Stiffness;

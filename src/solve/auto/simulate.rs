@@ -89,7 +89,7 @@ impl Simulation {
                         && enough(a - side, a)
                         && enough(end, end + side)
                 };
-                let last = total.checked_sub(frames + side).unwrap_or_default();
+                let last = total.saturating_sub(frames + side);
                 let starts: Vec<usize> = (side..=last).step_by(stride).filter(|&a| a + frames + side <= total).filter(fits).collect();
                 if starts.len() >= LEAST_STARTS {
                     return Self { frames, blocks: blocks(&starts, frames, seen) };

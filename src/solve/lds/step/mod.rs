@@ -12,7 +12,7 @@ use super::model::Model;
 use super::smoother::Smoothed;
 use super::table::Table;
 use super::{Constraint, EStep, Lds};
-use crate::solve::Problem;
+use crate::solve::{Problem, forest};
 use band::{Block, End, Episode, Neighbour, Tie, Time, Unknown, Vectors};
 use frame::Place;
 use nalgebra::{DMatrix, Vector3};
@@ -65,7 +65,7 @@ pub(super) fn plan(problem: &Problem, table: &Table, hard: bool) -> Vec<Plan> {
         for group in groups_of(t) {
             let gaps: Vec<usize> = group.markers.iter().filter_map(|&i| open[i]).collect();
             for pair in gaps.windows(2) {
-                let (a, b) = (root(&mut trees, pair[0]), root(&mut trees, pair[1]));
+                let (a, b) = (forest::root(&mut trees, pair[0]), forest::root(&mut trees, pair[1]));
                 trees[a.max(b)] = a.min(b);
             }
         }
@@ -75,7 +75,7 @@ pub(super) fn plan(problem: &Problem, table: &Table, hard: bool) -> Vec<Plan> {
     let mut plans: Vec<Plan> = Vec::new();
     for t in 0..problem.frames() {
         for k in problem.missing_in(t) {
-            let tree = root(&mut trees, gap_of[k]);
+            let tree = forest::root(&mut trees, gap_of[k]);
             let at = *number[tree].get_or_insert_with(|| {
                 plans.push(Plan { first: t, samples: Vec::new(), bones: Vec::new() });
                 plans.len() - 1
@@ -90,21 +90,13 @@ pub(super) fn plan(problem: &Problem, table: &Table, hard: bool) -> Vec<Plan> {
         let at = problem.missing_in(t);
         for group in groups_of(t) {
             let Some(k) = at.clone().find(|&k| problem.missing[k].1 == group.markers[0]) else { continue };
-            if let Some(at) = number[root(&mut trees, gap_of[k])] {
+            if let Some(at) = number[forest::root(&mut trees, gap_of[k])] {
                 let own = &mut plans[at];
                 own.bones[t - own.first].extend(&group.bones);
             }
         }
     }
     plans
-}
-
-fn root(trees: &mut [usize], mut at: usize) -> usize {
-    while trees[at] != at {
-        trees[at] = trees[trees[at]];
-        at = trees[at];
-    }
-    at
 }
 
 /// What is known about the residual of a marker or the length of a bone.
