@@ -43,10 +43,10 @@ impl Scene<'_> {
         }
         for group in &groups {
             let Some(widest) = group.iter().max_by_key(|s| s.parts.first().map_or(0, |p| p.neighbours())) else { continue };
-            let features = Features::new(&local, &widest.parts, &case.learn);
+            let (features, learned) = Features::new(&local, &widest.parts, &case.learn);
             let d = features.count();
             let mut table = DMatrix::zeros(d + 3, case.learn.len());
-            table.rows_mut(0, d).copy_from(&features.table(&case.learn));
+            table.rows_mut(0, d).copy_from(&learned);
             table.rows_mut(d, 3).copy_from(&targets.learn);
             let sums = Sums::new(&table, &case.hidden);
             let tables = Tables {

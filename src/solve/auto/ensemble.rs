@@ -146,8 +146,9 @@ impl Scene<'_> {
         let simulation = Simulation::new(seen, gap.frames());
         let again = order.iter().take(24).any(|&j| self.seen[j].frames.len() < self.seen[j].len());
         let situation = match missing_with_it {
-            LIMB.. if self.recipe.limbs => Situation::Limb,
             _ if self.sweep == 0 && again => Situation::Draft,
+            _ if self.sweep + 1 < self.recipe.sweeps && again => Situation::Sketch,
+            LIMB.. if self.recipe.limbs => Situation::Limb,
             _ => Situation::Plain,
         };
         let families = self.families(situation, order.len());

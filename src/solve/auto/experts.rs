@@ -36,6 +36,8 @@ pub struct Family {
 pub enum Situation {
     /// A first look, to be repeated.
     Draft,
+    /// A second look, to be repeated: fewer experts do nearly as well.
+    Sketch,
     /// The marker's rigid neighbours are there.
     Plain,
     /// Some of them are missing with it.
@@ -63,6 +65,16 @@ pub fn families(situation: Situation) -> Vec<Family> {
         five.insert(0, spec("rigid", 1.0, &[]));
         five.insert(1, spec("linear4", 0.3, &[Place(4)]));
         return vec![Family { base: Base::Nearest(5), specs: five }];
+    }
+    if situation == Situation::Sketch {
+        five.extend([
+            spec("moving4", 0.3, &[Place(4), Velocity(4, 8), Acceleration(4, 8)]),
+            spec("process5", 0.3, &[Place(5), near(5, 40, false)]),
+        ]);
+        return vec![
+            Family { base: Base::Nearest(5), specs: five },
+            Family { base: Base::Nearest(3), specs: vec![spec("linear8", 0.3, &[Place(8)])] },
+        ];
     }
     five.extend([
         spec("moving4", 0.3, &[Place(4), Velocity(4, 8), Acceleration(4, 8)]),

@@ -165,8 +165,6 @@ struct Ready {
     span: Option<Span>,
     /// Factor on all of it.
     factor: f64,
-    /// Mean of each feature over what is learned from.
-    means: Vec<f64>,
 }
 
 /// The features of an expert, ready to be computed for any frame.
@@ -174,14 +172,35 @@ pub struct Features<'a> {
     local: &'a Local,
     parts: Vec<Ready>,
     count: usize,
+    /// Mean of each feature over what is learned from; 0 for those that have none by nature.
+    means: Vec<f64>,
 }
 
 impl<'a> Features<'a> {
-    /// From what is seen in the frames `learn`.
-    pub fn new(local: &'a Local, parts: &[Part], learn: &[usize]) -> Self {
+    /// From what is seen in the frames `learn`; the second result is the features of these.
+    pub fn new(local: &'a Local, parts: &[Part], learn: &[usize]) -> (Self, DMatrix<f64>) {
         let parts: Vec<Ready> = parts.iter().map(|&part| Ready::new(part, local, learn)).collect();
         let count = 1 + parts.iter().map(|p| p.size).sum::<usize>();
-        Self { local, parts, count }
+        let mut features = Self { local, parts, count, means: vec![0.0; count] };
+        let mut table = features.table(learn);
+        let mut means = vec![0.0; count];
+        for column in table.as_slice().chunks_exact(count) {
+            crate::solve::kernel::axpy(&mut means, 1.0 / learn.len() as f64, column);
+        }
+        // coordinates have no mean, and derivatives should be 0 at rest
+        let mut from = 1;
+        means[0] = 0.0;
+        for part in &features.parts {
+            if matches!(part.part, Part::Place(_) | Part::Velocity(..) | Part::Acceleration(..)) {
+                means[from..from + part.size].fill(0.0);
+            }
+            from += part.size;
+        }
+        for column in table.as_mut_slice().chunks_exact_mut(count) {
+            crate::solve::kernel::axpy(column, -1.0, &means);
+        }
+        features.means = means;
+        (features, table)
     }
 
     /// Number of features, the constant counted.
@@ -198,11 +217,9 @@ impl<'a> Features<'a> {
             for part in &self.parts {
                 let (own, others) = rest.split_at_mut(part.size);
                 part.fill(self.local, t, own);
-                for (x, mean) in own.iter_mut().zip(&part.means) {
-                    *x -= mean;
-                }
                 rest = others;
             }
+            crate::solve::kernel::axpy(column, -1.0, &self.means);
         }
         table
     }
@@ -211,7 +228,7 @@ impl<'a> Features<'a> {
 impl Ready {
     fn new(part: Part, local: &Local, learn: &[usize]) -> Self {
         let inputs = 3 * part.neighbours();
-        let mut ready = Self { part, size: 0, span: None, factor: 1.0, means: Vec::new() };
+        let mut ready = Self { part, size: 0, span: None, factor: 1.0 };
         ready.size = match part {
             Part::Place(_) | Part::Velocity(..) | Part::Acceleration(..) => inputs,
             Part::Products(k) => {
@@ -230,18 +247,6 @@ impl Ready {
                 size
             }
         };
-        // coordinates have no mean, and derivatives should be 0 at rest
-        if !matches!(part, Part::Place(_) | Part::Velocity(..) | Part::Acceleration(..)) {
-            let mut sums = vec![0.0; ready.size];
-            let mut values = vec![0.0; ready.size];
-            for &t in learn {
-                ready.fill(local, t, &mut values);
-                for (sum, x) in sums.iter_mut().zip(&values) {
-                    *sum += x;
-                }
-            }
-            ready.means = sums.iter().map(|s| s / learn.len().max(1) as f64).collect();
-        }
         ready
     }
 

@@ -28,7 +28,7 @@ use simulate::Seen;
 use tracks::{Pairs, Tracks};
 
 /// Rounds of the model of the whole body.
-const BODY_ROUNDS: u32 = 20;
+const BODY_ROUNDS: u32 = 10;
 
 /// What the method is made of; each can be left out to see what it is worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,6 +96,10 @@ impl Recipe {
             "bones" => &mut self.bones,
             "body" => &mut self.body,
             "analogs" => &mut self.analogs,
+            "third" => {
+                self.sweeps = 2;
+                return Ok(());
+            }
             "sweeps" => {
                 self.sweeps = 1;
                 return Ok(());
@@ -222,6 +226,7 @@ impl<'a> Auto<'a> {
         if self.recipe.body && self.recipe.limbs {
             let scene = self.scene();
             let limbs: Vec<Gap> = self.gaps.iter().filter(|gap| scene.order(gap).1 >= ensemble::LIMB).copied().collect();
+            if std::env::var("DUMP").is_ok() { eprintln!("{} limbs", limbs.len()); }
             self.body = Body::new(self.problem, estimate, &self.tracks, &self.seen, &limbs, limits, solver);
         }
         self
@@ -283,10 +288,12 @@ impl Solver for Auto<'_> {
         let todo: Vec<usize> = (0..self.gaps.len())
             .filter(|&g| self.fillings[g].as_ref().is_none_or(|f: &Filling| f.neighbours.iter().any(|&j| has_gaps[j])))
             .collect();
+        let began = std::time::Instant::now();
         let new: Vec<Filling> = todo.par_iter().map(|&g| scene.fill(&self.gaps[g])).collect();
         for (g, filling) in todo.into_iter().zip(new) {
             self.fillings[g] = Some(filling);
         }
+        if std::env::var("DUMP").is_ok() { eprintln!("sweep {} {} gaps {:.2} s", self.sweep, self.gaps.len(), began.elapsed().as_secs_f64()); }
         for filling in self.fillings.iter().flatten() {
             Self::put(&mut self.tracks, filling);
         }
