@@ -149,6 +149,7 @@ impl Scene<'_> {
             _ if self.sweep == 0 && again => Situation::Draft,
             _ if self.sweep + 1 < self.recipe.sweeps && again => Situation::Sketch,
             LIMB.. if self.recipe.limbs => Situation::Limb,
+            _ if again => Situation::Crowded,
             _ => Situation::Plain,
         };
         let families = self.families(situation, order.len());

@@ -38,7 +38,9 @@ pub enum Situation {
     Draft,
     /// A second look, to be repeated: fewer experts do nearly as well.
     Sketch,
-    /// The marker's rigid neighbours are there.
+    /// The marker's rigid neighbours are there, some of them filled: of many gaps each gets the experts that carry most.
+    Crowded,
+    /// The marker's rigid neighbours are there and were seen.
     Plain,
     /// Some of them are missing with it.
     Limb,
@@ -78,11 +80,12 @@ pub fn families(situation: Situation) -> Vec<Family> {
     }
     five.extend([
         spec("moving4", 0.3, &[Place(4), Velocity(4, 8), Acceleration(4, 8)]),
-        spec("products4", 0.3, &[Place(4), Products(4)]),
         spec("process5", 0.3, &[Place(5), near(5, 40, false)]),
-        spec("process8", 0.3, &[Place(8), near(8, 40, false)]),
         spec("turning4", 0.3, &[Place(4), Turn, Drift(8)]),
     ]);
+    if situation != Situation::Crowded {
+        five.extend([spec("products4", 0.3, &[Place(4), Products(4)]), spec("process8", 0.3, &[Place(8), near(8, 40, false)])]);
+    }
     let mut three = vec![spec("linear8", 0.3, &[Place(8)])];
     let mut ten = vec![spec("linear8", 0.3, &[Place(8)]), spec("products4", 0.3, &[Place(4), Products(4)])];
     let mut families = Vec::new();

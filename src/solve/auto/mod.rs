@@ -30,6 +30,9 @@ use tracks::{Pairs, Tracks};
 /// Rounds of the model of the whole body.
 const BODY_ROUNDS: u32 = 10;
 
+/// The model of the whole body is judged only if limbs are this share of what is missing: that costs as much as learning it.
+const LIMBS_SHARE: f64 = 0.2;
+
 /// What the method is made of; each can be left out to see what it is worth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[allow(clippy::struct_excessive_bools)] // each is an ingredient
@@ -226,7 +229,10 @@ impl<'a> Auto<'a> {
         if self.recipe.body && self.recipe.limbs {
             let scene = self.scene();
             let limbs: Vec<Gap> = self.gaps.iter().filter(|gap| scene.order(gap).1 >= ensemble::LIMB).copied().collect();
-            if std::env::var("DUMP").is_ok() { eprintln!("{} limbs", limbs.len()); }
+            let (samples, all) = (limbs.iter().map(Gap::frames).sum::<usize>(), self.problem.missing.len());
+            if (samples as f64) < LIMBS_SHARE * all as f64 {
+                return self;
+            }
             self.body = Body::new(self.problem, estimate, &self.tracks, &self.seen, &limbs, limits, solver);
         }
         self
@@ -288,12 +294,10 @@ impl Solver for Auto<'_> {
         let todo: Vec<usize> = (0..self.gaps.len())
             .filter(|&g| self.fillings[g].as_ref().is_none_or(|f: &Filling| f.neighbours.iter().any(|&j| has_gaps[j])))
             .collect();
-        let began = std::time::Instant::now();
         let new: Vec<Filling> = todo.par_iter().map(|&g| scene.fill(&self.gaps[g])).collect();
         for (g, filling) in todo.into_iter().zip(new) {
             self.fillings[g] = Some(filling);
         }
-        if std::env::var("DUMP").is_ok() { eprintln!("sweep {} {} gaps {:.2} s", self.sweep, self.gaps.len(), began.elapsed().as_secs_f64()); }
         for filling in self.fillings.iter().flatten() {
             Self::put(&mut self.tracks, filling);
         }
