@@ -50,7 +50,7 @@ const STRANGENESS: f64 = 0.5;
 const SHRINKAGE: f64 = 0.3;
 
 /// Errors on tests against those in real black-outs, measured over several hundred of them: runs near a test may not lend to it.
-const PESSIMISM: f64 = 0.93;
+const PESSIMISM: f64 = 0.9;
 
 /// Weights below this count for nothing.
 const NOTHING: f64 = 1e-4;

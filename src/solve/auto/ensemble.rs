@@ -182,8 +182,21 @@ impl Scene<'_> {
             .iter()
             .map(|k| Carry { real: k.weights(&times(&edges), &times(&inside)), simulated: k.weights(&around_times, &times(&positions)) })
             .collect();
-        let case =
-            Case { gap, learn, inside, edges, judged, beside, starts, hidden, weight, carries, stride, noise: self.noise(gap, &order) };
+        let case = Case {
+            gap,
+            learn,
+            inside,
+            edges,
+            judged,
+            beside,
+            starts,
+            hidden,
+            weight,
+            carries,
+            stride,
+            noise: self.noise(gap, &order),
+            pessimism: situation.pessimism(),
+        };
 
         if simulation.count() < 4 {
             let local = self.local(&case, &order, Base::Nearest(5), &[]);
@@ -361,6 +374,8 @@ pub struct Case<'a> {
     pub stride: usize,
     /// Variance of the noise of each neighbour's local coordinates in the gap, mm².
     pub noise: Vec<f64>,
+    /// Factor from errors on simulated gaps to predicted ones.
+    pub pessimism: f64,
 }
 
 impl Case<'_> {

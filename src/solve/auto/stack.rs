@@ -7,10 +7,6 @@ use super::simulate::Simulation;
 use crate::solve::kernel::dot;
 use nalgebra::{DMatrix, DVector};
 
-/// Errors on simulated gaps against those in real ones, measured over several hundred gaps of takes with known truth: with a gap, a whole block
-/// around it is kept from being learned, so simulated gaps are harder.
-const PESSIMISM: f64 = 0.85;
-
 /// What an expert says about the gap, and how it did on simulated ones.
 pub struct Expert {
     /// Its name.
@@ -80,7 +76,7 @@ impl Scene<'_> {
             let spread: f64 = shares.iter().map(|&(e, share)| share * (experts[e].prediction.column(k) - now).norm_squared()).sum();
             let usual = interpolate(&knots, &apart, at).max(0.05);
             let strange = if self.recipe.spread { (spread.sqrt() / usual).max(1.0) } else { 1.0 };
-            sigma_mm.push(PESSIMISM * interpolate(&knots, &at_position, at) * strange + 0.05);
+            sigma_mm.push(case.pessimism * interpolate(&knots, &at_position, at) * strange + 0.05);
         }
         let mut likelihood = (0.0, 0);
         for (n, _) in case.weight.iter().enumerate().filter(|(_, w)| **w > 0.0) {
