@@ -142,9 +142,9 @@ impl Marker {
         Self { label: label.into(), role: Role::Marker }
     }
 
-    /// The subject's prefix of the label, if it has one: `subject` of `subject:LKNE`.
-    pub fn subject(&self) -> Option<&str> {
-        self.label.rsplit_once(':').map(|(subject, _)| subject)
+    /// The prefix of the label, if it has one: `subject` of `subject:LKNE`.
+    pub fn prefix(&self) -> Option<&str> {
+        self.label.rsplit_once(':').map(|(prefix, _)| prefix)
     }
 
     /// The label without a subject's prefix: `subject:LKNE` gives `LKNE`.

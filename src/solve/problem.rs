@@ -46,8 +46,8 @@ pub struct Problem {
     pub columns: Vec<usize>,
     /// Label of each column, without a subject's prefix. Only the optional start of the body frame looks at it.
     pub names: Vec<String>,
-    /// The body that each column belongs to, counted from 0: markers with the same subject's prefix. Where only one subject has a prefix, all are one body.
-    pub bodies: Vec<usize>,
+    /// The prefix that each column's label has, counted from 0 in the order in which they appear; labels without one count as having the first.
+    pub prefixes: Vec<usize>,
     /// Bones; `a` and `b` are columns of the problem.
     pub bones: Vec<Bone>,
     /// Every missing sample as (frame, column of the problem), frame by frame. The order of every [`Estimate`](super::Estimate).
@@ -87,8 +87,8 @@ impl Problem {
         }
         missing_starts.push(missing.len());
         let names = columns.iter().filter_map(|&m| take.markers.get(m)).map(|m| m.name().to_owned()).collect();
-        let bodies = bodies(take, &columns);
-        Self { rate_hz: take.rate_hz, up: take.up, columns, names, bodies, bones, missing, frames, positions_mm, missing_starts }
+        let prefixes = prefixes(take, &columns);
+        Self { rate_hz: take.rate_hz, up: take.up, columns, names, prefixes, bones, missing, frames, positions_mm, missing_starts }
     }
 
     /// The same with more samples, (frame, column), hidden.
@@ -137,16 +137,15 @@ impl Problem {
     }
 }
 
-/// Numbers the subjects in the order in which they appear. Markers without a prefix belong to the first subject that has one.
-fn bodies(take: &Take, columns: &[usize]) -> Vec<usize> {
-    let mut subjects: Vec<&str> = Vec::new();
+fn prefixes(take: &Take, columns: &[usize]) -> Vec<usize> {
+    let mut known: Vec<&str> = Vec::new();
     columns
         .iter()
         .map(|&m| {
-            let Some(subject) = take.markers.get(m).and_then(|marker| marker.subject()).filter(|s| !s.is_empty()) else { return 0 };
-            subjects.iter().position(|s| *s == subject).unwrap_or_else(|| {
-                subjects.push(subject);
-                subjects.len() - 1
+            let Some(prefix) = take.markers.get(m).and_then(|marker| marker.prefix()).filter(|s| !s.is_empty()) else { return 0 };
+            known.iter().position(|s| *s == prefix).unwrap_or_else(|| {
+                known.push(prefix);
+                known.len() - 1
             })
         })
         .collect()

@@ -1,6 +1,7 @@
 //! What only a process can show: exit codes, what is printed where, and which files are there afterwards.
 //!
 //! - `repairing`: the main job, and the demonstration take
+//! - `auto`: what the default method says about its fills
 //! - `options`: what each option changes in the files
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
 //! - `interruptions`: runs that are killed
@@ -9,6 +10,7 @@
 //! How good the filled samples are is measured elsewhere, on the library.
 #![allow(clippy::unwrap_used)] // A test program: it fails by panicking.
 
+mod auto;
 mod interruptions;
 mod lab;
 mod options;

@@ -2,6 +2,7 @@
 //!
 //! | file | what | against |
 //! | --- | --- | --- |
+//! | [`auto`] | what experts agree on | truth that was hidden, on walks and on bodies that were made up |
 //! | [`smoother`] | forward-backward pass | one Gaussian over all states and observations, inverted |
 //! | [`bones`] | bones as evidence | the same; Jacobians against differences; the bone step against gradient descent |
 //! | [`band`] | the bone step over whole gaps | processes written out, a search by coordinates, slopes by differences; bones that cannot be met |
@@ -12,6 +13,7 @@
 //! [`dense`] is that one Gaussian, [`chance`] the seeded random numbers.
 #![allow(clippy::unwrap_used)] // a test that gets no value has failed
 
+mod auto;
 mod band;
 mod bones;
 mod chance;

@@ -215,3 +215,156 @@ impl Together {
         Self { first, markers, bones: at_frames, slack }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tracks::tests::problem;
+    use super::*;
+    use crate::random::{Random, Stream};
+    use std::f64::consts::PI;
+
+    const RATE_HZ: f64 = 100.0;
+    const FRAMES: usize = 200;
+    const GAP: std::ops::Range<usize> = 80..120;
+
+    fn bone(a: usize, b: usize, length_mm: f64, spread_mm: f64) -> Bone {
+        Bone { a, b, length_mm, spread_mm }
+    }
+
+    #[test]
+    fn gaps_belong_together_if_bones_lead_from_one_to_another() {
+        let mut random = Random::new(7, Stream::Gaps);
+        let mut sizes = [0; 3];
+        for _ in 0..200 {
+            let markers = random.whole(2, 7);
+            let mut gaps = Vec::new();
+            for marker in 0..markers {
+                let mut t = random.whole(0, 15);
+                for _ in 0..random.whole(0, 5) {
+                    let end = t + random.whole(1, 12);
+                    gaps.push(Gap { marker, start: t, end });
+                    t = end + random.whole(1, 20);
+                }
+            }
+            let bones: Vec<Bone> = (0..random.whole(0, 7))
+                .map(|_| (random.whole(0, markers), random.whole(0, markers)))
+                .filter(|(a, b)| a != b)
+                .map(|(a, b)| bone(a, b, 1.0, 1.0))
+                .collect();
+            let tied = |x: &Gap, y: &Gap| {
+                let joined = bones.iter().any(|b| (b.a, b.b) == (x.marker, y.marker) || (b.b, b.a) == (x.marker, y.marker));
+                joined && x.start < y.end && y.start < x.end
+            };
+            // the least number that is handed on until nothing changes
+            let mut expected: Vec<usize> = (0..gaps.len()).collect();
+            for _ in 0..gaps.len() {
+                for g in 0..gaps.len() {
+                    let around = (0..gaps.len()).filter(|&h| tied(&gaps[g], &gaps[h])).map(|h| expected[h]);
+                    expected[g] = around.fold(expected[g], usize::min);
+                }
+            }
+            let found = together(&gaps, &bones);
+            let mut of = vec![usize::MAX; gaps.len()];
+            for group in &found {
+                sizes[group.len().min(3) - 1] += 1;
+                for &g in group {
+                    assert_eq!(of[g], usize::MAX, "in two groups");
+                    of[g] = group[0];
+                }
+            }
+            assert_eq!(of, expected, "{gaps:?} with {bones:?}");
+        }
+        assert!(sizes.iter().all(|&n| n > 20), "{sizes:?}");
+    }
+
+    /// Four markers of a stiff body that walks and turns; 0 is missing in the gap, and 1 in its second half.
+    fn place(t: usize, i: usize) -> [f64; 3] {
+        const SHAPE: [[f64; 3]; 4] = [[150.0, 0.0, 0.0], [0.0, 120.0, 10.0], [-90.0, 0.0, 60.0], [0.0, -60.0, -110.0]];
+        let (sin, cos) = (t as f64 / 40.0).sin_cos();
+        let [x, y, z] = SHAPE[i];
+        [cos * x - sin * y + 8.0 * t as f64, sin * x + cos * y, z + 900.0]
+    }
+
+    fn tracks() -> Tracks {
+        Tracks::new(&problem((FRAMES, 4), RATE_HZ, place, |t, i| match i {
+            0 => !GAP.contains(&t),
+            1 => !(GAP.start + 20..GAP.end).contains(&t),
+            _ => true,
+        }))
+    }
+
+    fn between(i: usize, j: usize) -> f64 {
+        distance(place(0, i), place(0, j))
+    }
+
+    /// Fills both gaps with what is true plus an error that `error` says.
+    fn fill(tracks: &mut Tracks, error: impl Fn(usize) -> [f64; 3]) {
+        for gap in tracks.gaps(|_, _| false) {
+            for t in gap.start..gap.end {
+                let (x, off) = (place(t, gap.marker), if gap.marker == 0 { error(t) } else { [0.0; 3] });
+                tracks.put(t, gap.marker, [0, 1, 2].map(|axis| x[axis] + off[axis]), 6.0);
+            }
+        }
+    }
+
+    #[test]
+    fn a_fill_that_keeps_the_bones_stays() {
+        let mut tracks = tracks();
+        fill(&mut tracks, |_| [0.0; 3]);
+        let bones = [bone(0, 1, between(0, 1), 0.5), bone(0, 2, between(0, 2), 2.0), bone(1, 3, between(1, 3), 0.0)];
+        let adjustment = Adjustment::new(&tracks, &bones, RATE_HZ);
+        for stiffness in [Stiffness::Soft, Stiffness::Hard] {
+            let mut moved = tracks.clone();
+            adjustment.apply(&mut moved, RATE_HZ, stiffness);
+            for (t, i) in (0..FRAMES).flat_map(|t| (0..4).map(move |i| (t, i))) {
+                let off = distance(moved.place(t, i), place(t, i));
+                assert!(off < 1e-6, "{stiffness:?}: marker {i} in frame {t} was moved by {off} mm");
+                assert_eq!(moved.sigma(t, i), tracks.sigma(t, i), "what is predicted is not the bones' to say");
+            }
+        }
+    }
+
+    #[test]
+    fn a_hard_bone_is_met_and_a_soft_one_pulls() {
+        let wave = |t: usize| [9.0 * (t as f64 / 3.0).sin(), 5.0, -12.0 * (t as f64 / 9.0).cos()];
+        let length = between(0, 2);
+        let mut filled = tracks();
+        fill(&mut filled, wave);
+        // of another length than was seen, so that nobody knew it
+        for length in [length, length - 25.0] {
+            let adjustment = Adjustment::new(&filled, &[bone(0, 2, length, 1.0)], RATE_HZ);
+            let worst =
+                |tracks: &Tracks| GAP.map(|t| (distance(tracks.place(t, 0), tracks.place(t, 2)) - length).abs()).fold(0.0, f64::max);
+            let off = [Stiffness::Soft, Stiffness::Hard].map(|stiffness| {
+                let mut moved = filled.clone();
+                adjustment.apply(&mut moved, RATE_HZ, stiffness);
+                for t in (0..FRAMES).filter(|t| !GAP.contains(t)) {
+                    assert_eq!(moved.place(t, 0), place(t, 0), "frame {t} was seen");
+                }
+                worst(&moved)
+            });
+            assert!(off[1] < 0.01, "{} mm off a hard bone of {length} mm", off[1]);
+            assert!(off[0] < worst(&filled), "{} mm off a soft bone of {length} mm, {} mm before", off[0], worst(&filled));
+        }
+    }
+
+    /// A fill that bulges out and is right at both edges: bones press it flat, and tear it nowhere.
+    #[test]
+    fn a_fill_joins_what_was_seen() {
+        let bulge = |t: usize| {
+            let share = (t + 1 - GAP.start) as f64 / (GAP.len() + 1) as f64;
+            [15.0, 10.0, 20.0].map(|x| x * (PI * share).sin().powi(2))
+        };
+        let mut filled = tracks();
+        fill(&mut filled, bulge);
+        let bones = [bone(0, 2, between(0, 2), 0.5), bone(0, 3, between(0, 3), 0.5), bone(0, 1, between(0, 1), 0.5)];
+        let adjustment = Adjustment::new(&filled, &bones, RATE_HZ);
+        let mut moved = filled.clone();
+        adjustment.apply(&mut moved, RATE_HZ, Stiffness::Soft);
+        let error = |tracks: &Tracks, t: usize| Vector3::from(tracks.place(t, 0)) - Vector3::from(place(t, 0));
+        let jump = |tracks: &Tracks| (1..FRAMES).map(|t| (error(tracks, t) - error(tracks, t - 1)).norm()).fold(0.0, f64::max);
+        let worst = |tracks: &Tracks| GAP.map(|t| error(tracks, t).norm()).fold(0.0, f64::max);
+        assert!(worst(&moved) < 0.8 * worst(&filled), "{} mm, {} mm before", worst(&moved), worst(&filled));
+        assert!(jump(&moved) <= jump(&filled), "jumps by {} mm, by {} mm before", jump(&moved), jump(&filled));
+    }
+}

@@ -69,6 +69,39 @@ impl Scene<'_> {
         }
     }
 
+    /// What smooth curves through the marker's own samples say, whatever its neighbours do: over a few frames nothing knows better.
+    pub(super) fn ask_time(&self, case: &Case, experts: &mut Vec<Expert>) {
+        let marker = case.gap.marker;
+        let (p, c) = (case.positions(), case.beside.len() / case.starts.len());
+        let place = |t: usize| self.tracks.place(t, marker);
+        let table = |frames: &[usize]| DMatrix::from_iterator(3, frames.len(), frames.iter().flat_map(|&t| place(t)));
+        let (edges, beside, judged) = (table(&case.edges), table(&case.beside), table(&case.judged));
+        for (carry, curve) in case.curves.iter().enumerate() {
+            let prediction = &edges * &curve.real;
+            let mut errors = judged.clone();
+            for n in 0..case.starts.len() {
+                let said = beside.columns(n * c, c) * &curve.simulated;
+                errors.columns_mut(n * p, p).zip_apply(&said, |x, y| *x -= y);
+            }
+            for (mut column, w) in errors.column_iter_mut().zip(&case.weight) {
+                column *= *w;
+            }
+            let score = squares(errors.as_slice()) / case.total();
+            let known = case.weight.iter().map(|w| *w > 0.0).collect();
+            experts.push(Expert {
+                name: "curve",
+                base: Base::Nearest(0),
+                carry,
+                prediction,
+                errors,
+                doubt: 0.0,
+                score,
+                total: case.total(),
+                known,
+            });
+        }
+    }
+
     /// What the model of the whole body says, if it can be judged.
     pub(super) fn ask_body(&self, case: &Case) -> Option<Expert> {
         let gap = case.gap;
@@ -124,7 +157,8 @@ fn carry(
         left_beside.columns_mut(n * c, c).zip_apply(&predict(beta, &tables.beside, n * c, c), |x, y| *x -= y);
     }
     let plain = predict(&fit.all, &tables.inside, 0, case.inside.len());
-    let edge_left = &targets.edges - predict(&fit.all, &tables.edges, 0, case.edges.len());
+    let mut edge_left = &targets.edges - predict(&fit.all, &tables.edges, 0, case.edges.len());
+    follow_no_ghosts(&mut edge_left, &left_beside);
     for carry in 0..=case.carries.len() {
         let mut errors = left.clone();
         let mut prediction = plain.clone();
@@ -175,6 +209,27 @@ struct Targets {
     beside: DMatrix<f64>,
 }
 
+/// A residual this many times longer than the median one is no property of the marker.
+const GHOST: f64 = 4.0;
+
+/// Shortens what is left at the edges of a gap where it is longer than what is usually left: the samples next to a gap are where a marker was
+/// being lost or found again, and what lies far from where it should be there is often another marker or a reflection.
+fn follow_no_ghosts(edges: &mut DMatrix<f64>, usual: &DMatrix<f64>) {
+    let mut sizes: Vec<f64> = usual.column_iter().map(|x| x.norm()).collect();
+    if sizes.is_empty() {
+        return;
+    }
+    let middle = sizes.len() / 2;
+    let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
+    let longest = GHOST * *median;
+    for mut edge in edges.column_iter_mut() {
+        let size = edge.norm();
+        if size > longest {
+            edge *= longest / size;
+        }
+    }
+}
+
 /// `betaᵀ table` for some columns of a table: 3 × count.
 fn linear(beta: &DMatrix<f64>, table: &DMatrix<f64>, used: usize, from: usize, count: usize) -> DMatrix<f64> {
     let height = table.nrows();
@@ -185,4 +240,21 @@ fn linear(beta: &DMatrix<f64>, table: &DMatrix<f64>, used: usize, from: usize, c
         }
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ghosts_at_the_edges_are_shortened() {
+        let usual = DMatrix::from_column_slice(3, 3, &[1.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 300.0]);
+        let mut edges = DMatrix::from_column_slice(3, 2, &[3.0, 4.0, 0.0, 60.0, 0.0, -80.0]);
+        follow_no_ghosts(&mut edges, &DMatrix::zeros(3, 0));
+        assert_eq!(edges.column(1).norm(), 100.0, "nothing is known");
+        follow_no_ghosts(&mut edges, &usual);
+        assert_eq!(edges.column(0).as_slice(), [3.0, 4.0, 0.0]);
+        let expected = [0.6, 0.0, -0.8].map(|x| x * GHOST * 2.0);
+        assert!(edges.column(1).iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{edges}");
+    }
 }

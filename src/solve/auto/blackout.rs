@@ -101,8 +101,14 @@ impl Context {
     }
 }
 
+/// The straight line, and curves of several scales.
+pub fn curve_kinds(scale: f64) -> Vec<Option<Process>> {
+    let process = |&(frames, nugget): &(f64, f64)| Some(Process { smoothness: Smoothness::Twice, scale: frames * scale, nugget });
+    std::iter::once(None).chain(CURVES.iter().map(process)).collect()
+}
+
 /// The weights of a curve: context × wanted frames (relative to the first of the run).
-fn curve(context: &Context, wanted: &[f64], length: usize, process: Option<Process>) -> DMatrix<f64> {
+pub fn curve(context: &Context, wanted: &[f64], length: usize, process: Option<Process>) -> DMatrix<f64> {
     let known = context.times();
     let line = |times: &[f64]| {
         let mut weights = DMatrix::zeros(known.len(), times.len());
@@ -185,9 +191,7 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
     };
     let positions = spread(length, POSITIONS);
     let at: Vec<f64> = positions.iter().map(|&p| p as f64).collect();
-    let curves: Vec<Option<Process>> = std::iter::once(None)
-        .chain(CURVES.iter().map(|&(frames, nugget)| Some(Process { smoothness: Smoothness::Twice, scale: frames * scale, nugget })))
-        .collect();
+    let curves = curve_kinds(scale);
     let whole: Vec<DMatrix<f64>> = curves.iter().map(|&c| curve(&context, &inside, length, c)).collect();
     let some: Vec<DMatrix<f64>> = curves.iter().map(|&c| curve(&context, &at, length, c)).collect();
 

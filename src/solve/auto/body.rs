@@ -28,9 +28,10 @@ pub struct Body {
 }
 
 impl Body {
-    /// `limbs` are gaps whose rigid neighbours are missing, too; `solver` makes the model for a problem.
+    /// `bodies` are those of the markers; `limbs` are gaps whose rigid neighbours are missing, too; `solver` makes the model for a problem.
     pub fn new(
         problem: &Problem,
+        bodies: &[usize],
         estimate: &Estimate,
         tracks: &Tracks,
         seen: &[Seen],
@@ -42,7 +43,7 @@ impl Body {
         let mut hidden: Vec<(usize, usize)> = Vec::new();
         for gap in limbs {
             let with_it: Vec<usize> = (0..tracks.markers)
-                .filter(|&j| problem.bodies[j] == problem.bodies[gap.marker] && tracks.missing_share(j, gap.start, gap.end) >= WITH_IT)
+                .filter(|&j| bodies[j] == bodies[gap.marker] && tracks.missing_share(j, gap.start, gap.end) >= WITH_IT)
                 .collect();
             let simulation = Simulation::new(&seen[gap.marker], gap.frames());
             let starts = apart(&simulation);

@@ -1,5 +1,6 @@
 //! One gap: experts predict it, simulated gaps judge them, and their mean weighed by that evidence fills it.
 
+use super::blackout::{Context, curve, curve_kinds};
 use super::body::Body;
 use super::experts::{self, ALL, Base, Family, Situation, Spec};
 use super::features::{Local, Part, lag_frames, spread};
@@ -17,6 +18,9 @@ pub const LIMB: usize = 2;
 
 /// Markers that make the frame of the trunk.
 const TRUNK: usize = 8;
+
+/// Up to this many frames at 120 Hz a curve through the marker's own samples is asked, too.
+const MOST_CURVE: f64 = 30.0;
 
 /// The standard deviation of a fill that nothing could be said about, mm.
 const UNJUDGED_MM: f64 = 50.0;
@@ -53,6 +57,8 @@ pub struct Scene<'a> {
     pub sweep: u32,
     /// What is used.
     pub recipe: &'a Recipe,
+    /// Gaps of limbs that are shorter than this, in frames, are filled like others.
+    pub long_limb: usize,
     /// The problem, and what the model of the whole body says about it.
     pub problem: &'a Problem,
     /// See [`Body`].
@@ -85,9 +91,9 @@ fn processes(scale: f64) -> [Process; 4] {
     ]
 }
 
-/// Context offsets at this rate.
+/// Context offsets at this rate. The frames right beside a gap always belong to it.
 pub fn context(scale: f64) -> Vec<usize> {
-    let mut offsets: Vec<usize> = CONTEXT.iter().map(|&k| ((k as f64 * scale).round() as usize).max(1)).collect();
+    let mut offsets: Vec<usize> = CONTEXT.iter().map(|&k| if k == 1 { 1 } else { lag_frames(k, scale) }).collect();
     offsets.dedup();
     offsets
 }
@@ -148,7 +154,7 @@ impl Scene<'_> {
         let situation = match missing_with_it {
             _ if self.sweep == 0 && again => Situation::Draft,
             _ if self.sweep + 1 < self.recipe.sweeps && again => Situation::Sketch,
-            LIMB.. if self.recipe.limbs => Situation::Limb,
+            LIMB.. if self.recipe.limbs && gap.frames() >= self.long_limb => Situation::Limb,
             _ if again => Situation::Crowded,
             _ => Situation::Plain,
         };
@@ -182,7 +188,21 @@ impl Scene<'_> {
             .iter()
             .map(|k| Carry { real: k.weights(&times(&edges), &times(&inside)), simulated: k.weights(&around_times, &times(&positions)) })
             .collect();
+        let adjacent = before > 0 && before < edges.len() && edges[before - 1] + 1 == gap.start && edges[before] == gap.end;
+        let curves: Vec<Carry> = if adjacent && gap.frames() as f64 <= MOST_CURVE * scale {
+            let real = Context { before, offsets: edges.iter().map(|&t| t as isize - gap.start as isize).collect() };
+            let simulated = Context { before, offsets: around.clone() };
+            let frames: Vec<f64> = (0..gap.frames()).map(|k| k as f64).collect();
+            let one = |&kind: &Option<Process>| Carry {
+                real: curve(&real, &frames, gap.frames(), kind),
+                simulated: curve(&simulated, &times(&positions), simulation.frames, kind),
+            };
+            curve_kinds(scale).iter().map(one).collect()
+        } else {
+            Vec::new()
+        };
         let case = Case {
+            curves,
             gap,
             learn,
             inside,
@@ -209,6 +229,9 @@ impl Scene<'_> {
         if experts.is_empty() {
             let local = self.local(&case, &order, Base::Nearest(5), &[]);
             return self.without_evidence(&case, &local);
+        }
+        if !case.curves.is_empty() {
+            self.ask_time(&case, &mut experts);
         }
         if situation == Situation::Limb && self.recipe.body {
             experts.extend(self.ask_body(&case));
@@ -368,6 +391,8 @@ pub struct Case<'a> {
     pub hidden: Vec<std::ops::Range<usize>>,
     /// 1 where the marker was seen in `judged`, else 0.
     pub weight: Vec<f64>,
+    /// Curves through the marker's own samples, for short gaps: edges × frames.
+    pub curves: Vec<Carry>,
     /// What is carried in from the edges, by each process.
     pub carries: Vec<Carry>,
     /// Every so many of the seen frames are learned from.

@@ -407,3 +407,94 @@ pub fn spread(count: usize, most: usize) -> Vec<usize> {
     }
     (0..most).map(|k| k * (count - 1) / (most - 1).max(1)).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tracks::tests::problem;
+    use super::*;
+    use crate::random::{Random, Stream};
+    use nalgebra::Rotation3;
+
+    const FRAMES: usize = 60;
+
+    /// Four markers in the world's frame turned by `turn`, in all frames; learned from are some.
+    fn local(turn: &Rotation3<f64>, scale: f64, learn: &[usize]) -> Local {
+        let mut random = Random::new(4, Stream::Gait);
+        let places: Vec<Vector3<f64>> = (0..4 * FRAMES).map(|_| Vector3::from_fn(|_, _| random.between(-90.0, 90.0))).collect();
+        let tracks = Tracks::new(&problem((FRAMES, 4), 120.0 * scale, |t, i| (turn * places[4 * t + i]).into(), |_, _| true));
+        let all: Vec<usize> = (0..FRAMES).collect();
+        Local::new(&tracks, &[2, 0, 1, 3], &all, vec![Pose::world_frame(); FRAMES], learn, scale)
+    }
+
+    /// What a ridge regression predicts depends on its features through their inner products alone.
+    #[test]
+    fn predictions_do_not_depend_on_where_the_axes_point() {
+        let learn: Vec<usize> = (0..FRAMES).step_by(2).collect();
+        let straight = local(&Rotation3::identity(), 1.0, &learn);
+        let turned = local(&Rotation3::from_scaled_axis(Vector3::new(0.8, -1.1, 0.4)), 1.0, &learn);
+        let near = Part::Near { neighbours: 3, poses: 12, turn: false };
+        let bumps = Part::Bumps { neighbours: 3, poses: 12, lag: 8 };
+        for part in [Part::Place(4), Part::Products(3), Part::Velocity(4, 8), Part::Acceleration(2, 4), near, bumps] {
+            let products = |local: &Local| {
+                let (features, learned) = Features::new(local, &[Part::Place(1), part], &learn);
+                let table = features.table(&(0..FRAMES).collect::<Vec<_>>());
+                for (k, &t) in learn.iter().enumerate() {
+                    assert!((table.column(t) - learned.column(k)).amax() < 1e-9, "{part:?}: frame {t} is learned as something else");
+                }
+                table.transpose() * table
+            };
+            let (a, b) = (products(&straight), products(&turned));
+            assert!((&a - &b).amax() < 1e-7 * a.amax(), "{part:?}: {}", (&a - &b).amax() / a.amax());
+        }
+    }
+
+    #[test]
+    fn what_spans_a_process_has_its_covariance() {
+        let learn: Vec<usize> = (0..FRAMES).step_by(3).collect();
+        let local = local(&Rotation3::identity(), 1.0, &learn);
+        for (poses, turn) in [(20, false), (20, true), (7, false)] {
+            let ready = Ready::new(Part::Near { neighbours: 2, poses, turn }, &local, &learn);
+            let span = ready.span.as_ref().expect("a span");
+            assert_eq!((span.centres.ncols(), ready.size), (poses, poses), "nothing is so near to anything else that it is left out");
+            let inputs = |t: usize| {
+                let mut out = Vec::new();
+                ready.inputs(&local, t, &mut out);
+                out
+            };
+            let features = |t: usize| {
+                let mut out = vec![0.0; ready.size];
+                ready.fill(&local, t, &mut out);
+                out
+            };
+            let centre = |c: usize| learn.iter().copied().find(|&t| inputs(t) == span.centres.column(c).as_slice()).expect("a pose");
+            for t in 0..FRAMES {
+                for c in (0..poses).map(centre) {
+                    let found: f64 = features(t).iter().zip(features(c)).map(|(a, b)| a * b).sum();
+                    let apart: f64 = inputs(t).iter().zip(inputs(c)).map(|(a, b)| (a - b).powi(2)).sum();
+                    let expected = BENT * BENT * span.width * (-0.5 * apart / span.width).exp();
+                    assert!((found - expected).abs() < 1e-9 * span.width, "frames {t} and {c}: {found}, not {expected}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn lags_are_held_at_the_ends_and_follow_the_rate() {
+        let learn: Vec<usize> = (0..FRAMES).collect();
+        for scale in [0.25, 1.0, 2.0] {
+            let local = local(&Rotation3::identity(), scale, &learn);
+            let (lag, last) = ((8.0 * scale) as usize, FRAMES - 1);
+            for (part, shares) in [(Part::Velocity(4, 8), [-0.5, 0.0, 0.5]), (Part::Acceleration(4, 8), [1.0, -2.0, 1.0])] {
+                let ready = Ready::new(part, &local, &learn);
+                for (t, before, after) in [(0, 0, lag), (1, 0, 1 + lag), (30, 30 - lag, 30 + lag), (last, last - lag, last)] {
+                    let mut found = vec![0.0; 12];
+                    ready.fill(&local, t, &mut found);
+                    for (k, found) in found.iter().enumerate() {
+                        let expected: f64 = [before, t, after].iter().zip(shares).map(|(&t, share)| share * local.at(t, 4)[k]).sum();
+                        assert!((found - expected).abs() < 1e-9, "{part:?} at {scale} in frame {t}");
+                    }
+                }
+            }
+        }
+    }
+}

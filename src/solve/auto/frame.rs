@@ -152,3 +152,118 @@ pub fn nearest(product: &Matrix3<f64>) -> Matrix3<f64> {
     signs[(least, least)] = (u * v_t).determinant().signum();
     u * signs * v_t
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tracks::tests::problem;
+    use super::*;
+    use crate::random::{Random, Stream};
+    use nalgebra::Rotation3;
+
+    fn direction(random: &mut Random, length: f64) -> Vector3<f64> {
+        Vector3::from_fn(|_, _| length * random.between(-1.0, 1.0))
+    }
+
+    fn turn(random: &mut Random, most: f64) -> Matrix3<f64> {
+        let axis = direction(random, 1.0).normalize();
+        Rotation3::from_scaled_axis(axis * random.between(0.0, most)).into_inner()
+    }
+
+    /// Where each frame puts the body, and the tracks of its markers with that much noise.
+    fn moved(shape: &[Vector3<f64>], frames: usize, noise: f64, most: f64, away: Vector3<f64>) -> (Vec<Pose>, Tracks) {
+        let mut random = Random::new(5, Stream::Gait);
+        let poses: Vec<Pose> =
+            (0..frames).map(|_| Pose { turn: turn(&mut random, most), origin: direction(&mut random, 1000.0) + away }).collect();
+        let shaken: Vec<[f64; 3]> = (0..frames * shape.len()).map(|_| direction(&mut random, noise).into()).collect();
+        let place = |t: usize, i: usize| {
+            let (x, shaken) = (poses[t].to_world(shape[i].into()), shaken[t * shape.len() + i]);
+            [0, 1, 2].map(|axis| x[axis] + shaken[axis])
+        };
+        let tracks = Tracks::new(&problem((frames, shape.len()), 100.0, place, |_, _| true));
+        (poses, tracks)
+    }
+
+    fn found(tracks: &Tracks) -> Vec<Pose> {
+        let (markers, weights): (Vec<usize>, Vec<f64>) = (0..tracks.markers).map(|i| (i, 1.0 / (1.0 + i as f64))).unzip();
+        let frames: Vec<usize> = (0..tracks.frames).collect();
+        let learn: Vec<usize> = frames.iter().copied().step_by(3).collect();
+        Core { tracks, markers: &markers, weights: &weights, trust: &|_| 1.0 }.poses(&frames, &learn)
+    }
+
+    const SHAPE: [[f64; 3]; 5] = [[0.0, 0.0, 0.0], [120.0, 10.0, -5.0], [20.0, 90.0, 30.0], [-40.0, 15.0, 80.0], [60.0, -70.0, 25.0]];
+
+    /// Turns between frames are anything up to half a turn, so nothing can be followed for long.
+    #[test]
+    fn a_rigid_body_is_found_wherever_it_turns() {
+        for (markers, most) in [(5, 0.1), (5, std::f64::consts::PI), (4, std::f64::consts::PI), (3, std::f64::consts::PI)] {
+            let shape = &SHAPE.map(Vector3::from)[..markers];
+            let (poses, tracks) = moved(shape, 90, 0.0, most, Vector3::zeros());
+            let found = found(&tracks);
+            // the body's own axes are free, but not how they are turned from one frame to another
+            let own = found[0].turn.transpose() * poses[0].turn;
+            for (t, (found, pose)) in found.iter().zip(&poses).enumerate() {
+                assert!((found.turn * own - pose.turn).amax() < 1e-9, "{markers} markers, turns up to {most}, frame {t}");
+                assert!((found.turn.determinant() - 1.0).abs() < 1e-9, "frame {t}");
+            }
+            for (i, shape) in shape.iter().enumerate() {
+                let first = found[0].to_local(tracks.place(0, i));
+                for (t, pose) in found.iter().enumerate() {
+                    let local = pose.to_local(tracks.place(t, i));
+                    assert!((Vector3::from(local) - Vector3::from(first)).amax() < 1e-8, "marker {i} in frame {t}");
+                    assert!((Vector3::from(pose.to_world(local)) - Vector3::from(poses[t].to_world((*shape).into()))).amax() < 1e-8);
+                }
+            }
+        }
+    }
+
+    /// A flat body with noise looks like its mirror image in half of the frames; no frame may turn it inside out.
+    #[test]
+    fn a_flat_body_is_never_mirrored() {
+        let flat: Vec<Vector3<f64>> = SHAPE.iter().map(|s| Vector3::new(s[0], s[1], 0.0)).collect();
+        for noise in [0.0, 2.0, 60.0] {
+            let (_, tracks) = moved(&flat, 120, noise, std::f64::consts::PI, Vector3::zeros());
+            for (t, pose) in found(&tracks).iter().enumerate() {
+                assert!((pose.turn.determinant() - 1.0).abs() < 1e-9, "noise {noise}, frame {t}");
+                assert!((pose.turn.tr_mul(&pose.turn) - Matrix3::identity()).amax() < 1e-9, "noise {noise}, frame {t}");
+            }
+        }
+    }
+
+    #[test]
+    fn wherever_newton_arrives_is_where_the_decomposition_is() {
+        let mut random = Random::new(9, Stream::Start);
+        let mut arrived = 0;
+        for case in 0..400 {
+            let columns = [0, 1, 2].map(|_| direction(&mut random, 1.0));
+            let mut product = Matrix3::from_columns(&columns);
+            if case % 2 == 0 && product.determinant() > 0.0 {
+                product = -product; // more like its mirror image
+            }
+            let best = nearest(&product);
+            assert!((best.determinant() - 1.0).abs() < 1e-9, "case {case}");
+            for close in [0.3, 3.1] {
+                let Some(followed) = follow(&product, best * turn(&mut random, close)) else { continue };
+                arrived += usize::from(close < 1.0);
+                let value = |turn: &Matrix3<f64>| turn.tr_mul(&product).trace();
+                assert!(value(&followed) > value(&best) - 1e-9, "case {case}: {} and {}", value(&followed), value(&best));
+            }
+            for _ in 0..20 {
+                assert!(best.tr_mul(&product).trace() >= turn(&mut random, 3.1).tr_mul(&product).trace() - 1e-12, "case {case}");
+            }
+        }
+        assert!(arrived > 200, "it arrives only {arrived} times of 400 from nearby");
+    }
+
+    #[test]
+    fn it_does_not_matter_where_the_laboratory_is() {
+        let shape = SHAPE.map(Vector3::from);
+        let [(_, here), (_, there)] =
+            [Vector3::zeros(), Vector3::new(60_000.0, -60_000.0, 60_000.0)].map(|away| moved(&shape, 60, 1.0, 0.4, away));
+        for (t, (a, b)) in found(&here).iter().zip(&found(&there)).enumerate() {
+            for i in 0..shape.len() {
+                let off = Vector3::from(a.to_local(here.place(t, i))) - Vector3::from(b.to_local(there.place(t, i)));
+                assert!(off.amax() < 1e-6, "marker {i} in frame {t}: {off}");
+            }
+        }
+    }
+}

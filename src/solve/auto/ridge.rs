@@ -78,3 +78,57 @@ fn solve(
     }
     crate::solve::kernel::solve(&mut matrix, &mut right).then_some(right)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Random, Stream};
+
+    /// A ridge regression with this penalty on some rows of the table, from scratch: features × 3.
+    fn dense(table: &DMatrix<f64>, used: usize, at: usize, rows: &[usize], penalty: &dyn Fn(usize) -> f64) -> DMatrix<f64> {
+        let x = DMatrix::from_fn(rows.len(), used, |r, k| table[(k, rows[r])]);
+        let y = DMatrix::from_fn(rows.len(), 3, |r, axis| table[(at + axis, rows[r])]);
+        let squares = x.transpose() * &x + DMatrix::from_fn(used, used, |a, b| if a == b { penalty(a) } else { 0.0 });
+        squares.lu().solve(&(x.transpose() * y)).expect("the penalty makes it regular")
+    }
+
+    #[test]
+    fn a_fit_without_a_block_is_one_that_never_saw_it() {
+        let mut random = Random::new(3, Stream::Start);
+        let (features, rows) = (9, 120);
+        let mut table = DMatrix::from_fn(features + 3, rows, |k, _| if k == 0 { 1.0 } else { 20.0 * random.between(-1.0, 1.0) });
+        for row in 0..rows {
+            for axis in 0..3 {
+                let said = 0.7 * table[(1 + axis, row)] - 0.4 * table[(5, row)] + 3.0 * axis as f64;
+                table[(features + axis, row)] = said + random.between(-1.0, 1.0);
+            }
+        }
+        let hidden = [0..30, 25..26, 60..60, 90..120];
+        let sums = Sums::new(&table, &hidden);
+        for (used, prior, thinned) in [(9, 0.3, 1.0), (4, 0.05, 7.0), (1, 1.0, 1.0)] {
+            let noise: Vec<f64> = (1..used).map(|k| 2.0 * (k % 3) as f64).collect();
+            let fit = sums.fit(used, prior, &noise, thinned).expect("a fit");
+            let everything: Vec<usize> = (0..rows).collect();
+            // what is left by a rough fit says how noisy the targets are
+            let squares = |k: usize| table.row(k).norm_squared();
+            let loose = 0.02 * (0..used).map(squares).sum::<f64>() / used as f64;
+            let rough = dense(&table, used, features, &everything, &|k| if k == 0 { 1e-6 * rows as f64 } else { loose } + 1e-9);
+            let left = table.rows(features, 3) - rough.transpose() * table.rows(0, used);
+            let variance = left.norm_squared() / (3 * rows) as f64;
+            let penalty = |k: usize| match k {
+                0 => 1e-6 * rows as f64,
+                k => thinned * variance / (prior * prior) + noise[k - 1] * rows as f64,
+            };
+            let near = |what: &str, found: &DMatrix<f64>, rows: &[usize]| {
+                let expected = dense(&table, used, features, rows, &penalty);
+                assert!((found - &expected).amax() < 1e-9 * expected.amax(), "{used} features, {what}: {found} and {expected}");
+            };
+            near("all rows", &fit.all, &everything);
+            assert_eq!(fit.without.len(), hidden.len());
+            for (found, hidden) in fit.without.iter().zip(&hidden) {
+                let rows: Vec<usize> = everything.iter().copied().filter(|row| !hidden.contains(row)).collect();
+                near(&format!("without {hidden:?}"), found, &rows);
+            }
+        }
+    }
+}

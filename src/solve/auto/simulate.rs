@@ -121,3 +121,75 @@ fn blocks(starts: &[usize], frames: usize, seen: &Seen) -> Vec<Block> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Runs of seen and missing frames in turn, beginning with seen ones.
+    fn mask() -> impl Strategy<Value = Vec<bool>> {
+        let run = prop_oneof![3 => 1..8_usize, 2 => 5..150_usize];
+        prop::collection::vec(run, 1..30)
+            .prop_map(|runs| runs.iter().enumerate().flat_map(|(k, &length)| std::iter::repeat_n(k % 2 == 0, length)).collect())
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig { cases: 300, failure_persistence: None, ..ProptestConfig::default() })]
+
+        #[test]
+        fn simulated_gaps_are_cut_from_what_was_seen(mask in mask(), length in 1..200_usize) {
+            let seen = Seen::new(mask.iter().copied());
+            let simulation = Simulation::new(&seen, length);
+            let frames = simulation.frames;
+            prop_assert_eq!(simulation.count() == 0, simulation.blocks.is_empty());
+            prop_assert!(frames <= length);
+            for block in &simulation.blocks {
+                prop_assert!(!block.starts.is_empty() && block.starts.windows(2).all(|w| w[0] < w[1]));
+                prop_assert!(block.hidden.end <= mask.len());
+                for &start in &block.starts {
+                    let (all, end) = (&mask[start..start + frames], start + frames);
+                    prop_assert!(all.iter().filter(|s| **s).count() as f64 >= 0.9 * frames as f64, "{} of {}", start, frames);
+                    prop_assert!(start > 0 && mask[start - 1] && mask[end], "{start}..{end} has no edges");
+                    prop_assert!(block.hidden.start <= start && end <= block.hidden.end, "{start}..{end} is learned from");
+                }
+                let widest = (mask.iter().filter(|s| **s).count() / BLOCKS).max(frames + frames / 4);
+                prop_assert!(block.hidden.len() <= widest, "a block of {} frames for gaps of {frames}", block.hidden.len());
+            }
+            // blocks follow each other, and whatever is not hidden is left to learn from
+            prop_assert!(simulation.blocks.windows(2).all(|w| w[0].starts.last() < w[1].starts.first()));
+            // none is shorter than it must be
+            let room = |frames: usize| {
+                let whole = |a: &usize| mask[a - 1..=a + frames].iter().all(|s| *s);
+                (1..mask.len().saturating_sub(frames)).filter(whole).count()
+            };
+            prop_assert!(frames == length || room(length) < LEAST_STARTS, "{frames} frames for {length}, of which {} fit", room(length));
+            prop_assert!(frames > 0 || room(1) < LEAST_STARTS);
+        }
+
+        #[test]
+        fn counts_are_those_of_the_mask(mask in mask(), from in 0.0..1.0, to in 0.0..1.0) {
+            let seen = Seen::new(mask.iter().copied());
+            let at = |share: f64| (share * mask.len() as f64) as usize;
+            let (from, to) = (at(f64::min(from, to)), at(f64::max(from, to)));
+            let count = |part: &[bool]| part.iter().filter(|s| **s).count();
+            prop_assert_eq!((seen.len(), seen.count(from, to), seen.rank(to)), (mask.len(), count(&mask[from..to]), count(&mask[..to])));
+            prop_assert!(seen.frames.iter().all(|&t| mask[t]));
+            prop_assert_eq!(seen.frames.len(), count(&mask));
+        }
+    }
+
+    #[test]
+    fn takes_that_are_too_short_have_none() {
+        for (frames, length) in [(0, 1), (1, 1), (5, 30), (LEAST_STARTS + 1, 1)] {
+            assert_eq!(Simulation::new(&Seen::new(vec![true; frames].into_iter()), length), Simulation::default(), "{frames} frames");
+        }
+        let just_enough = Simulation::new(&Seen::new(vec![true; LEAST_STARTS + 2].into_iter()), 1);
+        assert_eq!((just_enough.frames, just_enough.blocks.len()), (1, BLOCKS));
+        let never = Simulation::new(&Seen::new(vec![false; 300].into_iter()), 10);
+        assert_eq!(never.count(), 0);
+        // and one in which every other frame was seen has nothing whole to cut, however long it is
+        let flicker = Simulation::new(&Seen::new((0..300).map(|t| t % 2 == 0)), 10);
+        assert_eq!(flicker.count(), 0, "{flicker:?}");
+    }
+}

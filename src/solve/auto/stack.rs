@@ -174,9 +174,10 @@ fn weigh(experts: &[Expert], penalties: &[f64], most: usize) -> Vec<(usize, f64)
         }
         covariance[(a, a)] += experts[best[a]].doubt + penalties[best[a]];
     }
-    let ridge = covariance.trace() / m as f64 + 1e-6;
+    // its own variance, or what all have in common: among equals the shares are nearly equal, but one that is far better than the others gets nearly all
+    let common = covariance.trace() / m as f64;
     for k in 0..m {
-        covariance[(k, k)] += ridge;
+        covariance[(k, k)] += covariance[(k, k)].min(common) + 1e-6;
     }
     let ones = DVector::from_element(m, 1.0);
     let mut shares: Vec<f64> = covariance.cholesky().map_or(vec![1.0; m], |c| c.solve(&ones).iter().map(|x| x.max(0.0)).collect());
@@ -197,5 +198,103 @@ pub fn interpolate(knots: &[f64], values: &[f64], at: f64) -> f64 {
         }
         (Some(before), None) => values[before],
         (None, _) => values.first().copied().unwrap_or(f64::NAN),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::{Random, Stream};
+    use crate::solve::Gap;
+
+    const JUDGED: usize = 60;
+    const GAP: Gap = Gap { marker: 0, start: 10, end: 20 };
+
+    /// What `combine` reads of a case is how long its gap is.
+    fn case() -> Case<'static> {
+        Case {
+            gap: &GAP,
+            learn: Vec::new(),
+            inside: (GAP.start..GAP.end).collect(),
+            edges: Vec::new(),
+            judged: (0..JUDGED).collect(),
+            beside: Vec::new(),
+            starts: Vec::new(),
+            hidden: Vec::new(),
+            weight: vec![1.0; JUDGED],
+            carries: Vec::new(),
+            curves: Vec::new(),
+            stride: 1,
+            noise: Vec::new(),
+            pessimism: 1.0,
+        }
+    }
+
+    /// An expert that is off by `size` mm in each coordinate of simulated gaps, and says `said` about the gap.
+    fn expert(name: &'static str, random: &mut Random, size: f64, said: f64) -> Expert {
+        let errors = DMatrix::from_fn(3, JUDGED, |_, _| size * random.between(-1.0, 1.0));
+        let total = JUDGED as f64;
+        let score = squares(errors.as_slice()) / total;
+        let prediction = DMatrix::from_element(3, GAP.frames(), said);
+        Expert { name, base: Base::Trunk, carry: 0, prediction, errors, doubt: 0.0, score, total, known: vec![true; JUDGED] }
+    }
+
+    fn share(shares: &[(usize, f64)], expert: usize) -> f64 {
+        assert!((shares.iter().map(|s| s.1).sum::<f64>() - 1.0).abs() < 1e-12 && shares.iter().all(|s| s.1 >= 0.0), "{shares:?}");
+        shares.iter().find(|s| s.0 == expert).map_or(0.0, |s| s.1)
+    }
+
+    #[test]
+    fn who_did_better_has_more_to_say_and_who_leaves_the_others_less() {
+        let mut random = Random::new(2, Stream::Start);
+        let mut experts: Vec<Expert> =
+            [("a", 2.0), ("b", 2.0), ("c", 2.0), ("d", 9.0)].map(|(name, size)| expert(name, &mut random, size, 100.0)).into();
+        for consensus in [false, true] {
+            let shares = combine(&experts, &case(), 32, consensus);
+            assert!(share(&shares, 3) < 0.5 * share(&shares, 0), "{shares:?}");
+            assert!(share(&shares, 0) < 1.5 * share(&shares, 1) && share(&shares, 1) < 1.5 * share(&shares, 0), "{shares:?}");
+        }
+        // in the gap c is 30 mm away from the others, and it never was in simulated ones
+        experts[2].prediction.fill(130.0);
+        let [alone, together] = [false, true].map(|consensus| share(&combine(&experts, &case(), 32, consensus), 2));
+        assert!(together < 0.5 * alone, "{alone} without and {together} with the consensus");
+    }
+
+    #[test]
+    fn of_one_regression_only_the_best_carry_counts() {
+        let mut random = Random::new(3, Stream::Start);
+        let mut experts: Vec<Expert> = [4.0, 1.0, 2.0].map(|size| expert("same", &mut random, size, 0.0)).into();
+        experts.push(expert("other", &mut random, 3.0, 0.0));
+        for (carry, expert) in experts.iter_mut().enumerate().take(3) {
+            expert.carry = carry;
+        }
+        let mut who: Vec<usize> = combine(&experts, &case(), 32, true).into_iter().map(|s| s.0).collect();
+        who.sort_unstable();
+        assert_eq!(who, [1, 3]);
+        assert_eq!(combine(&experts, &case(), 1, true), [(1, 1.0)]);
+        assert_eq!(experts[1].label(), "same@trunk+8");
+    }
+
+    /// Where an expert was not judged, the error of the mean is that of the others' mean.
+    #[test]
+    fn silence_is_no_praise() {
+        let mut random = Random::new(4, Stream::Start);
+        let mut experts: Vec<Expert> = ["a", "b", "silent"].map(|name| expert(name, &mut random, 5.0, 0.0)).into();
+        for n in 0..JUDGED / 2 {
+            experts[2].known[n] = false;
+            experts[2].errors.column_mut(n).fill(0.0);
+        }
+        let found = mixed_errors(&[(0, 0.2), (1, 0.3), (2, 0.5)], &experts);
+        for n in 0..JUDGED {
+            let at = |e: usize| experts[e].errors.column(n);
+            let expected = if n < JUDGED / 2 { at(0) * 0.4 + at(1) * 0.6 } else { at(0) * 0.2 + at(1) * 0.3 + at(2) * 0.5 };
+            assert!((found.column(n) - expected).amax() < 1e-12, "sample {n}");
+        }
+    }
+
+    #[test]
+    fn lines_are_held_outside_their_knots() {
+        let at = |t: f64| interpolate(&[1.0, 3.0, 4.0], &[10.0, 20.0, 0.0], t);
+        assert_eq!([0.0, 1.0, 2.0, 3.0, 3.5, 4.0, 9.0].map(at), [10.0, 10.0, 15.0, 20.0, 10.0, 0.0, 0.0]);
     }
 }

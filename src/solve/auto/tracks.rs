@@ -1,6 +1,6 @@
 //! The table that experts read: every sample seen or filled, and how rigidly markers hang together.
 
-use crate::solve::{Gap, Problem};
+use crate::solve::{Gap, Problem, forest};
 
 /// A marker that was seen in fewer frames than this is not filled and helps nobody.
 pub const LEAST_SEEN: usize = 5;
@@ -10,6 +10,11 @@ const FRAMES_LOOKED_AT: usize = 1500;
 
 /// A pair seen together in fewer frames than this has no known spread.
 const LEAST_TOGETHER: usize = 10;
+
+/// Markers with different prefixes hang together if a pair of them was seen together this often, with a distance of at most this and that spread.
+const LEAST_JOINED: usize = 50;
+const JOINED_DISTANCE_MM: f64 = 600.0;
+const JOINED_SPREAD_MM: f64 = 25.0;
 
 /// The spread of a pair about which nothing is known, mm: far beyond that of any other.
 pub const UNKNOWN_MM: f64 = 1e6;
@@ -141,8 +146,8 @@ pub struct Pairs {
 }
 
 impl Pairs {
-    /// From what was seen. Pairs of different `bodies` have no known spread.
-    pub fn new(tracks: &Tracks, bodies: &[usize]) -> Self {
+    /// From what was seen.
+    pub fn new(tracks: &Tracks) -> Self {
         let m = tracks.markers;
         let stride = (tracks.frames / FRAMES_LOOKED_AT).max(1);
         let unknown = Pair { distance_mm: 0.0, spread_mm: UNKNOWN_MM, together: 0 };
@@ -160,13 +165,50 @@ impl Pairs {
                 let n = together.max(1) as f64;
                 let mean = distances.iter().sum::<f64>() / n;
                 let variance = distances.iter().map(|d| (d - mean).powi(2)).sum::<f64>() / n;
-                let known = together >= LEAST_TOGETHER && bodies[i] == bodies[j];
+                let known = together >= LEAST_TOGETHER;
                 let pair = Pair { distance_mm: mean, spread_mm: if known { variance.sqrt() } else { UNKNOWN_MM }, together };
                 pairs[i * m + j] = pair;
                 pairs[j * m + i] = pair;
             }
         }
         Self { markers: m, pairs }
+    }
+
+    /// Which body each marker belongs to, counted from 0. Labels with the same prefix belong to one body, and prefixes whose markers hang together
+    /// do, too: a prefix may name a subject or a segment of one. Pairs of different bodies lose their spread.
+    pub fn bodies(&mut self, tracks: &Tracks, prefixes: &[usize]) -> Vec<usize> {
+        let m = self.markers;
+        let looked_at = tracks.frames.div_ceil((tracks.frames / FRAMES_LOOKED_AT).max(1));
+        let mut trees: Vec<usize> = (0..=prefixes.iter().copied().max().unwrap_or(0)).collect();
+        for i in 0..m {
+            for j in 0..i {
+                let pair = self.get(i, j);
+                let often = pair.together >= LEAST_JOINED.max(looked_at / 10);
+                if often && pair.spread_mm <= JOINED_SPREAD_MM && pair.distance_mm <= JOINED_DISTANCE_MM {
+                    let (a, b) = (forest::root(&mut trees, prefixes[i]), forest::root(&mut trees, prefixes[j]));
+                    trees[a.max(b)] = a.min(b);
+                }
+            }
+        }
+        let roots: Vec<usize> = prefixes.iter().map(|&p| forest::root(&mut trees, p)).collect();
+        let mut order: Vec<usize> = Vec::new();
+        let bodies: Vec<usize> = roots
+            .into_iter()
+            .map(|root| {
+                order.iter().position(|&r| r == root).unwrap_or_else(|| {
+                    order.push(root);
+                    order.len() - 1
+                })
+            })
+            .collect();
+        for i in 0..m {
+            for j in 0..m {
+                if bodies[i] != bodies[j] {
+                    self.pairs[i * m + j].spread_mm = UNKNOWN_MM;
+                }
+            }
+        }
+        bodies
     }
 
     /// One pair.
@@ -179,4 +221,86 @@ impl Pairs {
 /// Distance of two points.
 pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)).sqrt()
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+    use crate::random::{Random, Stream};
+    use formats::{Marker, Origin, TakeBuilder};
+
+    /// A problem without bones: where `place` puts each marker in each frame, as far as `seen` says that it was seen.
+    pub fn problem(
+        (frames, markers): (usize, usize),
+        rate_hz: f64,
+        place: impl Fn(usize, usize) -> [f64; 3],
+        seen: impl Fn(usize, usize) -> bool,
+    ) -> Problem {
+        let mut take = TakeBuilder::new((0..markers).map(|i| Marker::new(format!("M{i}"))).collect(), frames, rate_hz);
+        for t in 0..frames {
+            for i in (0..markers).filter(|&i| seen(t, i)) {
+                take.set(t, i, place(t, i), Origin::Measured);
+            }
+        }
+        Problem::new(&take.build(), &vec![true; markers], &[])
+    }
+
+    #[test]
+    fn gaps_are_the_runs_of_what_is_missing_and_not_left_out() {
+        let mut random = Random::new(1, Stream::Gaps);
+        for _ in 0..20 {
+            let (frames, markers) = (random.whole(8, 60), random.whole(1, 6));
+            let mask: Vec<bool> = (0..frames * markers).map(|_| random.between(0.0, 1.0) < 0.7).collect();
+            let out: Vec<bool> = (0..frames).map(|_| random.between(0.0, 1.0) < 0.2).collect();
+            // every marker is there, and the first one is seen too rarely to take part
+            let seen = |t: usize, i: usize| if i == 0 { t < LEAST_SEEN - 1 } else { t < LEAST_SEEN || mask[t * markers + i] };
+            let tracks = Tracks::new(&problem((frames, markers), 100.0, |t, i| [t as f64, i as f64, 0.0], seen));
+            let gaps = tracks.gaps(|t, _| out[t]);
+            let mut covered = vec![false; frames * markers];
+            for gap in &gaps {
+                assert!(gap.start < gap.end && gap.marker > 0, "{gap:?}");
+                for t in gap.start..gap.end {
+                    assert!(!covered[t * markers + gap.marker], "{gap:?} overlaps another");
+                    covered[t * markers + gap.marker] = true;
+                }
+            }
+            for t in 0..frames {
+                for i in 0..markers {
+                    assert_eq!(covered[t * markers + i], i > 0 && !seen(t, i) && !out[t], "frame {t}, marker {i}");
+                }
+            }
+            let maximal = |w: &[Gap]| w[0].marker < w[1].marker || (w[0].marker == w[1].marker && w[0].end < w[1].start);
+            assert!(gaps.windows(2).all(maximal), "{gaps:?}");
+        }
+    }
+
+    #[test]
+    fn holes_begin_as_straight_lines_and_ends_are_held() {
+        let tracks = Tracks::new(&problem((20, 1), 100.0, |t, _| [(t * t) as f64, 1.0, -2.0], |t, _| matches!(t, 2..=5 | 9..=12)));
+        for (t, x) in [(0, 4.0), (2, 4.0), (6, 39.0), (8, 67.0), (9, 81.0), (19, 144.0)] {
+            let [found, ..] = tracks.place(t, 0);
+            assert!((found - x).abs() < 1e-12, "frame {t}: {found}, not {x}");
+        }
+        assert!((0..20).all(|t| tracks.place(t, 0)[1..] == [1.0, -2.0] && tracks.sigma(t, 0) == 0.0));
+    }
+
+    #[test]
+    fn pairs_are_of_one_body_and_of_what_was_seen_of_both() {
+        // of the second prefix, marker 2 keeps its distance from the first one's and marker 4 does not
+        let place = |t: usize, i: usize| match i {
+            1 => [if t.is_multiple_of(2) { 110.0 } else { 100.0 }, 0.0, 0.0],
+            4 => [300.0 + 10.0 * t as f64, 0.0, 0.0],
+            _ => [100.0 * i as f64, 0.0, 0.0],
+        };
+        for (frames, bodies) in [(40, [0, 0, 1, 0, 1]), (60, [0, 0, 0, 0, 0])] {
+            let tracks = Tracks::new(&problem((frames, 5), 100.0, place, |t, i| i != 3 || t < LEAST_TOGETHER - 1));
+            let mut pairs = Pairs::new(&tracks);
+            assert_eq!(pairs.bodies(&tracks, &[0, 0, 1, 0, 1]), bodies, "prefixes that hang together are one body");
+            let pair = pairs.get(0, 1);
+            assert!((pair.distance_mm - 105.0).abs() < 1e-9 && (pair.spread_mm - 5.0).abs() < 1e-9 && pair.together == frames, "{pair:?}");
+            assert_eq!(pair, pairs.get(1, 0));
+            assert_eq!([pairs.get(0, 2), pairs.get(4, 1)].map(|p| p.spread_mm >= UNKNOWN_MM), [frames == 40; 2]);
+            assert_eq!((pairs.get(0, 3).spread_mm, pairs.get(0, 3).together), (UNKNOWN_MM, LEAST_TOGETHER - 1), "hardly seen together");
+        }
+    }
 }
