@@ -115,7 +115,7 @@ impl Method {
             let outcome = run(&mut auto, problem, 1, &Limits { steps: settings.recipe.sweeps, ..*limits }, observer);
             solved.stages.push(Stage { method: auto.name(), outcome });
             solved.estimate = auto.estimate().clone();
-            solved.explanations = auto.explanations().cloned().collect();
+            solved.explanations = auto.explanations();
         } else {
             solved.estimate = first.estimate().clone();
         }

@@ -24,6 +24,9 @@ const LEAST_SPREAD_MM: f64 = 1.0;
 /// Factor on the spread of a bone to a marker that is seen: experts look at that marker, so they know most of what the bone says.
 const KNOWN_ALREADY: f64 = 5.0;
 
+/// A bone is heard if it contradicts the experts by no more than this many standard deviations.
+const CREDIBLE: f64 = 4.0;
+
 /// The most Gauss-Newton steps.
 const MOST_STEPS: usize = 20;
 
@@ -42,6 +45,8 @@ pub struct Adjustment {
     bones: Vec<Bone>,
     /// Of each bone, how much of its length lasts from frame to frame.
     lasting: Vec<f64>,
+    /// Of each bone, true if it has the length that was seen: then experts know it, and one that contradicts them by far is not believed.
+    as_seen: Vec<bool>,
     episodes: Vec<Together>,
 }
 
@@ -65,7 +70,7 @@ impl Adjustment {
         let as_seen: Vec<bool> =
             bones.iter().zip(mean).map(|(bone, mean)| (bone.length_mm - mean).abs() <= 2.0 * bone.spread_mm.max(LEAST_SPREAD_MM)).collect();
         let episodes = together(&gaps, &bones).iter().map(|own| Together::new(&gaps, own, &bones, &as_seen)).collect();
-        Self { bones, lasting, episodes }
+        Self { bones, lasting, as_seen, episodes }
     }
 
     /// Moves what is filled in `tracks`.
@@ -74,7 +79,7 @@ impl Adjustment {
             .episodes
             .par_iter()
             .map(|own| {
-                let episode = self.episode(own, tracks, rate_hz);
+                let episode = self.episode(own, tracks, rate_hz, stiffness == Stiffness::Soft);
                 let start = episode.blocks.iter().map(|b| b.unknowns.iter().map(|u| u.expected).collect()).collect();
                 match stiffness {
                     Stiffness::Soft => episode.soft(start, MOST_STEPS),
@@ -86,17 +91,33 @@ impl Adjustment {
             for (at, (markers, places)) in own.markers.iter().zip(moved).enumerate() {
                 for (&i, x) in markers.iter().zip(places) {
                     let t = own.first + at;
-                    tracks.put(t, i, (x * 1000.0).into(), tracks.sigma(t, i));
+                    let place = (x * 1000.0).into();
+                    // whoever was moved farther than he may be off was surer than he should have been
+                    let sigma = tracks.sigma(t, i).max(distance(place, tracks.place(t, i)));
+                    tracks.put(t, i, place, sigma);
                 }
             }
         }
     }
 
-    fn episode(&self, own: &Together, tracks: &Tracks, rate_hz: f64) -> Episode {
+    fn episode(&self, own: &Together, tracks: &Tracks, rate_hz: f64, soft: bool) -> Episode {
         let place = |t: usize, i: usize| Vector3::from(tracks.place(t, i)) / 1000.0;
         let rho = (-1.0 / (LASTS_S * rate_hz)).exp();
         let fresh = 1.0 / (1.0 - rho * rho);
         let missing = |t: usize, i: usize| !tracks.seen(t, i);
+        // a bone that experts contradict by far leads to a sample that is not its marker's
+        let credible = |t: usize, k: usize| {
+            let bone = &self.bones[k];
+            let far = (distance(tracks.place(t, bone.a), tracks.place(t, bone.b)) - bone.length_mm).abs();
+            let spread = own.slack[k] * bone.spread_mm.hypot(LEAST_SPREAD_MM);
+            far <= CREDIBLE * spread.hypot(tracks.sigma(t, bone.a)).hypot(tracks.sigma(t, bone.b))
+        };
+        let heard: Vec<Vec<usize>> = own
+            .bones
+            .iter()
+            .enumerate()
+            .map(|(at, bones)| bones.iter().copied().filter(|&k| !soft || !self.as_seen[k] || credible(own.first + at, k)).collect())
+            .collect();
         let blocks = own
             .markers
             .iter()
@@ -120,7 +141,7 @@ impl Adjustment {
                     block.unknowns.push(Unknown { sample: 0, expected: place(t, i), time });
                 }
                 let end = |i: usize| markers.iter().position(|&j| j == i).map_or_else(|| End::Fixed(place(t, i)), End::Free);
-                for &k in &own.bones[at] {
+                for &k in &heard[at] {
                     let bone = &self.bones[k];
                     let length = bone.length_mm / 1000.0;
                     let spread = own.slack[k] * bone.spread_mm.hypot(LEAST_SPREAD_MM) / 1000.0;
@@ -131,7 +152,7 @@ impl Adjustment {
                             let seen = distance(tracks.place(t, bone.a), tracks.place(t, bone.b)) / 1000.0;
                             return Neighbour::Known((seen - length).clamp(-longest, longest));
                         }
-                        let slot = at.and_then(|at| own.bones.get(at)).and_then(|bones| bones.iter().position(|&other| other == k));
+                        let slot = at.and_then(|at| heard.get(at)).and_then(|bones| bones.iter().position(|&other| other == k));
                         slot.map_or(Neighbour::None, Neighbour::Unknown)
                     };
                     let time = Time::new(

@@ -28,7 +28,7 @@ pub fn velocity_pairs(context: &Context, scale: f64, length: usize) -> Vec<(usiz
 }
 
 /// What runs are compared by: positions at both edges, and velocities, each 3 × markers.
-pub fn looks(flat: &[f64], context: &Context, pairs: &[(usize, usize, f64)], _length: usize, width: usize) -> Vec<f64> {
+pub fn looks(flat: &[f64], context: &Context, pairs: &[(usize, usize, f64)], width: usize) -> Vec<f64> {
     let row = |i: usize| &flat[i * width..(i + 1) * width];
     let mut out = row(context.before - 1).to_vec();
     out.extend_from_slice(row(context.before));

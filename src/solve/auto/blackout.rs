@@ -238,7 +238,7 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
 
     // how alike runs are: each test against all, and the black-out itself last
     let velocity_pairs = velocity_pairs(&context, scale, length);
-    let look = |flat: &[f64]| looks(flat, &context, &velocity_pairs, length, width);
+    let look = |flat: &[f64]| looks(flat, &context, &velocity_pairs, width);
     let all_looks: Vec<Vec<f64>> = aligned.par_iter().map(|run| look(&run[..nr * width])).collect();
     let own_look = look(&target_centred);
     let near = length as f64 + 8.0 * scale;
@@ -386,7 +386,7 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
             let errors_at: Vec<f64> = std::iter::once(0.0).chain(squares.iter().map(|s| s.sqrt())).chain([0.0]).collect();
             let sigma_mm: Vec<f64> = inside.iter().map(|&k| PESSIMISM * interpolate(&knots, &errors_at, k) + 0.05).collect();
             let predicted_mm = (sigma_mm.iter().map(|s| s * s).sum::<f64>() / length as f64).sqrt();
-            let score = |a: usize| covariance_of(&common, a);
+            let score = |a: usize| covariance_of(&common, a, p);
             let mut experts: Vec<(String, f64, f64)> =
                 names.iter().cloned().zip(&shares).enumerate().map(|(a, (name, &share))| (name, share, score(a))).collect();
             experts.retain(|x| x.1 > 0.0);
@@ -399,9 +399,9 @@ pub fn fill(tracks: &Tracks, blackout: &Blackout, dark: &[bool], scale: f64, ana
         .collect()
 }
 
-/// Root mean square error of an expert over all markers, mm; the covariance sums over positions, so this is up to a common factor.
-fn covariance_of(common: &DMatrix<f64>, expert: usize) -> f64 {
-    (common[(expert, expert)] / POSITIONS as f64).sqrt()
+/// Root mean square error of an expert over all markers, mm, from the covariance of sums over so many positions.
+fn covariance_of(common: &DMatrix<f64>, expert: usize, positions: usize) -> f64 {
+    (common[(expert, expert)] / positions as f64).sqrt()
 }
 
 /// The natural cubic spline through zero at both edges and values at the positions: positions × frames.

@@ -29,6 +29,7 @@ pub struct Body {
 
 impl Body {
     /// `bodies` are those of the markers; `limbs` are gaps whose rigid neighbours are missing, too; `solver` makes the model for a problem.
+    #[allow(clippy::too_many_arguments)] // what it judges, and what it judges by
     pub fn new(
         problem: &Problem,
         bodies: &[usize],
