@@ -25,7 +25,7 @@ const LEAST_SPREAD_MM: f64 = 1.0;
 const KNOWN_ALREADY: f64 = 5.0;
 
 /// A bone is heard if it contradicts the experts by no more than this many standard deviations.
-const CREDIBLE: f64 = 4.0;
+const CREDIBLE: f64 = 8.0;
 
 /// The most Gauss-Newton steps.
 const MOST_STEPS: usize = 20;
@@ -170,7 +170,7 @@ impl Adjustment {
     }
 }
 
-/// How much of a bone's deviation from its mean length lasts from frame to frame, and that mean, mm.
+/// How much of a bone's deviation from its mean length lasts from frame to frame, and its median length, mm.
 fn lasting(tracks: &Tracks, bone: &Bone, rate_hz: f64) -> (f64, f64) {
     let length = |t: usize| {
         (tracks.seen(t, bone.a) && tracks.seen(t, bone.b)).then(|| distance(tracks.place(t, bone.a), tracks.place(t, bone.b)) / 1000.0)
@@ -178,7 +178,10 @@ fn lasting(tracks: &Tracks, bone: &Bone, rate_hz: f64) -> (f64, f64) {
     let lengths: Vec<Option<f64>> = (0..tracks.frames).map(length).collect();
     let mean = lengths.iter().flatten().sum::<f64>() / lengths.iter().flatten().count().max(1) as f64;
     let found: Vec<Option<Vector3<f64>>> = lengths.iter().map(|l| l.map(|l| Vector3::new(l - mean, 0.0, 0.0))).collect();
-    (residual::correlation(&found, rate_hz), 1000.0 * mean)
+    // labels that were swapped for a while must not make the length another
+    let mut sorted: Vec<f64> = lengths.into_iter().flatten().collect();
+    sorted.sort_by(f64::total_cmp);
+    (residual::correlation(&found, rate_hz), sorted.get(sorted.len() / 2).map_or(0.0, |median| 1000.0 * median))
 }
 
 /// Gaps that bones connect while both last, by their index.
