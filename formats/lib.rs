@@ -16,11 +16,13 @@ mod cursor;
 mod error;
 mod grid;
 mod note;
+mod samples;
 mod take;
 
 pub use error::{FormatError, Place, Problem};
 pub use grid::Grid;
 pub use note::{Note, Notes};
+pub use samples::Samples;
 pub use take::{Direction, Marker, Origin, Role, Take, TakeBuilder, Unit};
 
 use std::io::Write;
@@ -38,8 +40,10 @@ pub struct FormatInfo {
     pub name: &'static str,
     /// One line for people.
     pub summary: &'static str,
-    /// File name extensions, lower case, the usual one first.
+    /// File name extensions, lower case, the usual one first. Formats may share one; then the content decides.
     pub extensions: &'static [&'static str],
+    /// True if a file of this format can say that a sample is missing.
+    pub holds_gaps: bool,
 }
 
 /// How sure a format is that some bytes are its own.
@@ -54,12 +58,14 @@ pub enum Match {
 }
 
 /// What the user states about a file; it overrules what the file says.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Stated {
     /// Frames per second.
     pub rate_hz: Option<f64>,
     /// Unit of length.
     pub unit: Option<Unit>,
+    /// Samples that are missing, whatever the file holds in their place. Saving may replace them.
+    pub missing: Samples,
 }
 
 /// A file format. Asked in this order: [`sniff`](Format::sniff), then [`open`](Format::open).
@@ -95,6 +101,15 @@ pub trait Document: Send {
     /// Unsupported if a filled value cannot be stored, or an I/O error of `out`.
     fn save(&self, repaired: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError>;
 
+    /// The same file with coordinates stored as floating-point numbers, where this one stores them as integers and the format knows both.
+    /// `None` if there is nothing to change.
+    ///
+    /// # Errors
+    /// Unsupported, if the file cannot be converted.
+    fn as_floats(&self) -> Result<Option<Vec<u8>>, FormatError> {
+        Ok(None)
+    }
+
     /// How far a filled coordinate may be from what [`save`](Document::save) stores, in mm.
     fn rounding_mm(&self) -> f64;
 }
@@ -128,10 +143,15 @@ pub enum DetectError {
     },
 }
 
-/// The format that an extension (without the dot, any case) belongs to.
+/// The format that an extension (without the dot, any case) belongs to; the first of several.
 pub fn by_extension(extension: &str) -> Option<&'static dyn Format> {
+    named(extension).first().copied()
+}
+
+/// The formats that an extension (without the dot, any case) may belong to.
+fn named(extension: &str) -> Vec<&'static dyn Format> {
     let extension = extension.to_ascii_lowercase();
-    ALL.iter().copied().find(|f| f.info().extensions.contains(&extension.as_str()))
+    ALL.iter().copied().filter(|f| f.info().extensions.contains(&extension.as_str())).collect()
 }
 
 /// Chooses the format by content. The extension (without the dot) breaks ties, and must not contradict the content.
@@ -143,23 +163,21 @@ pub fn detect(head: &[u8], extension: Option<&str>) -> Result<&'static dyn Forma
     if head.is_empty() {
         return Err(DetectError::Empty { known: known() });
     }
-    let named = extension.and_then(by_extension);
-    if let Some(format) = named {
-        return match format.sniff(head) {
-            Match::No => Err(DetectError::Contradiction {
-                extension: extension.unwrap_or_default().to_owned(),
-                name: format.info().name,
-                found: describe(head),
-            }),
-            Match::Maybe | Match::Certain => Ok(format),
-        };
-    }
+    let named: Vec<&'static dyn Format> = extension.map(named).unwrap_or_default();
+    let asked = if named.is_empty() { ALL } else { named.as_slice() };
     let mut best: Option<(Match, &'static dyn Format)> = None;
-    for format in ALL {
+    for format in asked {
         let sure = format.sniff(head);
         if sure != Match::No && best.is_none_or(|(b, _)| sure > b) {
             best = Some((sure, *format));
         }
+    }
+    if let (None, Some(format)) = (best, named.first()) {
+        return Err(DetectError::Contradiction {
+            extension: extension.unwrap_or_default().to_owned(),
+            name: format.info().name,
+            found: describe(head),
+        });
     }
     best.map(|(_, format)| format).ok_or_else(|| DetectError::Unknown { found: describe(head), known: known() })
 }

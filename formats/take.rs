@@ -6,7 +6,7 @@
 //! Frames are counted from 0 in here.
 //! The number that the file itself gives to a frame is its *label*: [`Take::frame_label`] is the one place where the two meet.
 
-use crate::Grid;
+use crate::{Grid, Samples};
 use std::collections::BTreeMap;
 
 /// Where a sample came from.
@@ -240,6 +240,7 @@ impl Take {
 #[derive(Clone, Debug)]
 pub struct TakeBuilder {
     take: Take,
+    missing: Samples,
 }
 
 impl TakeBuilder {
@@ -257,7 +258,15 @@ impl TakeBuilder {
                 origins: Grid::filled(frames, columns, Origin::Missing),
                 given_mm: BTreeMap::new(),
             },
+            missing: Samples::default(),
         }
+    }
+
+    /// States that these samples are missing, whatever they are set to. Samples outside the table and of model outputs do not count.
+    #[must_use]
+    pub fn missing(mut self, missing: &Samples) -> Self {
+        self.missing = missing.clone();
+        self
     }
 
     /// Sets the file's own number of frame 0.
@@ -308,14 +317,19 @@ impl TakeBuilder {
     }
 
     /// The finished take.
-    pub fn build(self) -> Take {
+    pub fn build(mut self) -> Take {
+        for (frame, marker) in self.missing.clone().iter() {
+            if self.take.markers.get(marker).is_some_and(|m| m.role == Role::Marker) {
+                self.hide(frame, marker);
+            }
+        }
         self.take
     }
 }
 
 impl From<Take> for TakeBuilder {
     fn from(take: Take) -> Self {
-        Self { take }
+        Self { take, missing: Samples::default() }
     }
 }
 
@@ -350,6 +364,14 @@ mod tests {
         assert_eq!(t.origin(2, 0), Origin::Missing);
         assert!(t.fill(2, 0, [9.0; 3]));
         assert_eq!(t.position_mm(2, 0), Some([9.0, 5.0, 9.0]));
+    }
+
+    #[test]
+    fn samples_stated_missing_are_missing() {
+        let stated = [(0, 0), (9, 9)].into_iter().collect();
+        let mut t = TakeBuilder::from(take()).missing(&stated).build();
+        assert_eq!(t.origin(0, 0), Origin::Missing);
+        assert!(t.fill(0, 0, [9.0; 3]));
     }
 
     #[test]

@@ -104,7 +104,7 @@ impl StatedArgs {
             UnitArg::Cm => Unit::Centimetre,
             UnitArg::M => Unit::Metre,
         });
-        Stated { rate_hz: self.rate, unit }
+        Stated { rate_hz: self.rate, unit, ..Stated::default() }
     }
 }
 

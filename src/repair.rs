@@ -9,7 +9,7 @@ use crate::solve::lds::{EStep, Hidden, Init};
 use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Solved, Stop};
 use crate::verify::{Broken, verify};
 use crate::{fills, staging};
-use formats::{DetectError, Document, Format, FormatError, Notes, Role, Stated, Take};
+use formats::{DetectError, Document, Format, FormatError, Notes, Role, Samples, Stated, Take};
 use sha2::{Digest, Sha256};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -325,7 +325,7 @@ fn write_out(request: &Request, opened: &Opened, repaired: &Take, log: Option<Mc
     };
     written.map_err(|error| RepairError::Format { path: output.clone(), error })?;
     file.as_file().sync_all().map_err(|e| unwritable(output, &e))?;
-    let stated = if same_format { request.stated } else { Stated::default() };
+    let stated = if same_format { Stated { missing: Samples::default(), ..request.stated.clone() } } else { Stated::default() };
     let back = std::fs::read(file.path()).map_err(|e| unwritable(output, &e))?;
     verify(back, format, &stated, repaired, same_format).map_err(|error| RepairError::Verify { path: output.clone(), error })?;
 

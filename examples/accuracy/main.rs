@@ -90,7 +90,7 @@ fn work(args: &Args) -> Result<(), String> {
         for case in &cases {
             if !takes.contains_key(case.motion.as_str()) {
                 let path = shared.join("data/cmu9").join(format!("{}.csv", case.motion));
-                let stated = Stated { rate_hz: Some(RATE_HZ), unit: Some(Unit::Millimetre) };
+                let stated = Stated { rate_hz: Some(RATE_HZ), unit: Some(Unit::Millimetre), ..Stated::default() };
                 let opened = open(&path, &stated).map_err(|e| e.to_string())?;
                 takes.insert(&case.motion, opened.document.take().clone());
             }

@@ -75,7 +75,7 @@ pub fn load(motions: &[String], trials: usize) -> Result<(Vec<Case>, BTreeMap<St
     for case in &cases {
         let path = folder.join("data/cmu9").join(format!("{}.csv", case.motion));
         if !takes.contains_key(&case.motion) {
-            let stated = Stated { rate_hz: Some(RATE_HZ), unit: Some(Unit::Millimetre) };
+            let stated = Stated { rate_hz: Some(RATE_HZ), unit: Some(Unit::Millimetre), ..Stated::default() };
             let opened = repair::open(&path, &stated).map_err(|error| error.to_string())?;
             takes.insert(case.motion.clone(), opened.document.take().clone());
         }

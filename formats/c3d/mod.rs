@@ -31,8 +31,12 @@ const ASSUMED_RATE_HZ: f64 = 100.0;
 /// MODELED_MARKERS are positions in space, and stay markers.
 const OUTPUT_LISTS: [&str; 6] = ["ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS"];
 
-static INFO: FormatInfo =
-    FormatInfo { name: NAME, summary: "C3D (c3d.org), points of Intel, DEC and MIPS files, floats and integers", extensions: &["c3d"] };
+static INFO: FormatInfo = FormatInfo {
+    name: NAME,
+    summary: "C3D (c3d.org), points of Intel, DEC and MIPS files, floats and integers",
+    extensions: &["c3d"],
+    holds_gaps: true,
+};
 
 /// The C3D format.
 #[derive(Debug)]
@@ -63,7 +67,8 @@ impl Format for C3d {
         let unit = stated.unit.unwrap_or_else(|| unit(&parameters, &roles, notes));
         let rate_hz = stated.rate_hz.unwrap_or_else(|| rate_hz(&parameters, notes));
         let up = parameters.texts("POINT", "Y_SCREEN").and_then(|t| Direction::parse(t.first()?));
-        let builder = TakeBuilder::new(markers, layout.frames, rate_hz).first_frame(layout.first_frame).unit(unit).up(up);
+        let builder =
+            TakeBuilder::new(markers, layout.frames, rate_hz).first_frame(layout.first_frame).unit(unit).up(up).missing(&stated.missing);
         let (take, largest_mm) = points::read(&layout, &bytes, builder, &roles, unit.mm(), notes);
         Ok(Box::new(C3dDocument { bytes, layout, take, largest_mm }))
     }

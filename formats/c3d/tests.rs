@@ -125,7 +125,7 @@ fn integers_are_rounded_and_never_wrapped() {
 #[test]
 fn what_was_stated_overrules() {
     let (bytes, _) = create(&walk(2).build());
-    let stated = Stated { rate_hz: Some(12.5), unit: Some(Unit::Metre) };
+    let stated = Stated { rate_hz: Some(12.5), unit: Some(Unit::Metre), ..Stated::default() };
     let document = C3d.open(bytes, &stated, &Notes::new()).unwrap();
     assert_eq!((document.take().rate_hz, document.take().unit), (12.5, Unit::Metre));
     assert_eq!(document.take().position_mm(0, 0), Some([0.0, 200_000.0, -300_250.0]));

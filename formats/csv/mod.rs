@@ -35,7 +35,7 @@ use std::io::Write;
 
 const NAME: &str = "csv";
 const INFO: FormatInfo =
-    FormatInfo { name: NAME, summary: "tables of markers, wide or long, separated by , ; or tab", extensions: &["csv"] };
+    FormatInfo { name: NAME, summary: "tables of markers, wide or long, separated by , ; or tab", extensions: &["csv"], holds_gaps: true };
 
 /// Frames per second of a table that does not say it.
 const ASSUMED_RATE_HZ: f64 = 100.0;

@@ -2,11 +2,11 @@
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
 use super::*;
-use crate::{Direction, Marker, Origin, Role, TakeBuilder, Unit};
+use crate::{Direction, Marker, Origin, Role, Samples, TakeBuilder, Unit};
 
-const NONE: Stated = Stated { rate_hz: None, unit: None };
+const NONE: Stated = Stated { rate_hz: None, unit: None, missing: Samples::new() };
 /// Rate and unit, so that no note speaks of them.
-const STATED: Stated = Stated { rate_hz: Some(100.0), unit: Some(Unit::Millimetre) };
+const STATED: Stated = Stated { rate_hz: Some(100.0), unit: Some(Unit::Millimetre), missing: Samples::new() };
 
 fn open(text: impl AsRef<[u8]>, stated: &Stated) -> (Box<dyn Document>, Vec<Note>) {
     let notes = Notes::new();
@@ -105,7 +105,7 @@ fn units_stated_and_guessed() {
     assert_eq!(unit("A-x,A-y,A-z\n0,0,1500\n", &NONE), Unit::Millimetre, "one marker: its distance from the origin");
     assert_eq!(unit("A-x [cm],A-y [cm],A-z [cm]\n0,0,1.5\n", &NONE), Unit::Centimetre);
     assert_eq!(unit("A-x [cm],A-y [cm],A-z [cm]\n0,0,1.5\n", &STATED), Unit::Millimetre, "the user knows better");
-    let (_, notes) = open("A-x [cm],A-y [cm],A-z [cm]\n0,0,1.5\n", &Stated { rate_hz: Some(1.0), unit: None });
+    let (_, notes) = open("A-x [cm],A-y [cm],A-z [cm]\n0,0,1.5\n", &Stated { rate_hz: Some(1.0), unit: None, missing: Samples::new() });
     assert_eq!(notes, []);
 }
 
@@ -143,7 +143,7 @@ fn rates_and_frame_numbers() {
         ("frame;time (s);A-x;A-y;A-z\n1;0,00;1;2;3\n2;0,02;1;2;3\n", 50.0),
         ("time,frame,marker,x,y,z\n0.00,0,A,1,2,3\n0.04,2,A,1,2,3\n0.02,1,A,1,2,3\n", 50.0),
     ] {
-        let (document, notes) = open(text, &Stated { rate_hz: None, unit: Some(Unit::Millimetre) });
+        let (document, notes) = open(text, &Stated { rate_hz: None, unit: Some(Unit::Millimetre), missing: Samples::new() });
         assert_eq!((document.take().rate_hz, notes), (rate, vec![]), "{text}");
         assert_eq!(open(text, &STATED).0.take().rate_hz, 100.0, "stated");
     }
