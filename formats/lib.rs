@@ -18,6 +18,7 @@ mod grid;
 mod note;
 mod samples;
 mod take;
+mod text;
 
 pub use error::{FormatError, Place, Problem};
 pub use grid::Grid;

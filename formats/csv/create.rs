@@ -4,8 +4,9 @@
 //! The header states the unit, the times give the rate, so that a reader has nothing to assume.
 //! Numbers have the fewest digits that read back as the same number; missing samples are empty cells.
 
-use super::clock::simplest_rate;
-use super::{INFO, NAME, number};
+use super::{INFO, NAME};
+use crate::text::clock::simplest_rate;
+use crate::text::number;
 use crate::{FormatError, Notes, Origin, Place, Role, Take};
 use std::collections::BTreeSet;
 use std::io::{self, BufWriter, Write};

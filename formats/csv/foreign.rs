@@ -1,7 +1,7 @@
 //! Tables that are not ours, told apart so that they are refused by name instead of misread.
 
 use super::NAME;
-use super::scan::{Scanner, decode};
+use crate::text::scan::{Scanner, decode};
 use crate::{FormatError, Place};
 
 /// How many lines are looked at.

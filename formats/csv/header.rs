@@ -12,32 +12,13 @@
 
 use super::NAME;
 use super::foreign;
-use super::scan::{Scanner, decode, excerpt};
+use crate::text::scan::{Scanner, decode, excerpt};
+use crate::text::{Column, Sheet};
 use crate::{FormatError, Marker, Place, Role, Unit};
 use std::collections::BTreeMap;
 
 /// Separators, in the order in which they are tried.
 const SEPARATORS: [u8; 3] = [b',', b';', b'\t'];
-
-/// What a column holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Column {
-    /// One coordinate (0 = x, 1 = y, 2 = z) of a marker; in a long table `marker` is 0.
-    Coordinate {
-        /// Column of the take.
-        marker: usize,
-        /// 0, 1, 2.
-        axis: usize,
-    },
-    /// The frame's number.
-    Frame,
-    /// The frame's time.
-    Time,
-    /// The marker's label, in a long table.
-    Label,
-    /// Something else.
-    Other,
-}
 
 /// The two shapes of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,41 +32,26 @@ pub(super) enum Shape {
 /// The header line, understood.
 #[derive(Clone, Debug)]
 pub(super) struct Header {
-    /// Separator of cells.
-    pub separator: u8,
+    /// Where the rows are, and what each column holds.
+    pub sheet: Sheet,
     /// Wide or long.
     pub shape: Shape,
-    /// What each column holds.
-    pub columns: Vec<Column>,
-    /// How many of the last columns have no name.
-    pub nameless_tail: usize,
     /// The markers of a wide table, in the order of their first column; empty for a long one.
     pub markers: Vec<Marker>,
     /// The unit of length, if the header states it.
     pub unit: Option<Unit>,
     /// True if the header states different units for different columns.
     pub units_differ: bool,
-    /// How many seconds one unit of the time column is, if the header states it.
-    pub time_unit_secs: Option<f64>,
     /// Names of the columns that are nothing of ours.
     pub others: Vec<String>,
     /// The order of the coordinates, if all markers have the same and it is not x, y, z.
     pub odd_order: Option<[usize; 3]>,
-    /// Offset of the first byte behind the header line.
-    pub end: usize,
-    /// Line number behind the header line.
-    pub next_line: u64,
 }
 
 impl Header {
-    /// True if there is such a column.
-    pub fn has(&self, column: Column) -> bool {
-        self.columns.contains(&column)
-    }
-
     /// How many columns the header gives a meaning to.
     fn understood(&self) -> usize {
-        self.columns.iter().filter(|c| **c != Column::Other).count()
+        self.sheet.columns.iter().filter(|c| **c != Column::Other).count()
     }
 
     /// Understands the first line that is not empty.
@@ -131,21 +97,23 @@ impl Header {
         let line = scanner.line();
         // Quotes may be none under the wrong separator; the caller finds out that nothing fits.
         let Ok(names) = names(&mut scanner, whole) else { return Ok(None) };
-        let (end, next_line) = (scanner.offset(), scanner.line());
+        let (start, next_line) = (scanner.offset(), scanner.line());
         let parsed: Vec<Name> = names.iter().map(|n| Name::parse(n)).collect();
         let draft = Self {
-            separator,
+            sheet: Sheet {
+                separator,
+                columns: vec![Column::Other; names.len()],
+                nameless_tail: names.iter().rev().take_while(|n| n.is_empty()).count(),
+                time_unit_secs: None,
+                start,
+                line: next_line,
+            },
             shape: Shape::Wide,
-            columns: vec![Column::Other; names.len()],
-            nameless_tail: names.iter().rev().take_while(|n| n.is_empty()).count(),
             markers: Vec::new(),
             unit: None,
             units_differ: false,
-            time_unit_secs: None,
             others: Vec::new(),
             odd_order: None,
-            end,
-            next_line,
         };
         if let Some(header) = draft.clone().long(&names, &parsed) {
             return Ok(Some(header));
@@ -159,7 +127,7 @@ impl Header {
         let label = parsed.iter().position(|n| matches!(n, Name::Label))?;
         self.set(label, Column::Label);
         self.frame_and_time(parsed);
-        if !self.has(Column::Frame) {
+        if !self.sheet.has(Column::Frame) {
             return None;
         }
         for axis in 0..3 {
@@ -232,7 +200,7 @@ impl Header {
     }
 
     fn set(&mut self, at: usize, column: Column) {
-        if let Some(c) = self.columns.get_mut(at) {
+        if let Some(c) = self.sheet.columns.get_mut(at) {
             *c = column;
         }
     }
@@ -247,13 +215,13 @@ impl Header {
             _ => None,
         }) {
             self.set(time, Column::Time);
-            self.time_unit_secs = unit_secs;
+            self.sheet.time_unit_secs = unit_secs;
         }
     }
 
     /// Gathers the stated units and the names of other columns.
     fn finish(&mut self, names: &[String], parsed: &[Name<'_>]) {
-        for ((column, name), parsed) in self.columns.iter().zip(names).zip(parsed) {
+        for ((column, name), parsed) in self.sheet.columns.iter().zip(names).zip(parsed) {
             match (column, parsed) {
                 (Column::Coordinate { .. }, Name::Coordinate { length: Length::Stated(unit), .. }) => {
                     self.units_differ |= self.unit.is_some_and(|u| u != *unit);
@@ -443,12 +411,12 @@ mod tests {
     fn what_else_a_header_says() {
         let h = Header::read(b"Frame#,Time [ms],A-x (cm),A-y (cm),A-z (cm),force,\n").unwrap();
         assert_eq!(
-            (h.shape, h.separator, h.unit, h.time_unit_secs, h.nameless_tail),
+            (h.shape, h.sheet.separator, h.unit, h.sheet.time_unit_secs, h.sheet.nameless_tail),
             (Shape::Wide, b',', Some(Unit::Centimetre), Some(1e-3), 1)
         );
-        assert_eq!((h.has(Column::Frame), h.has(Column::Time), h.others), (true, true, vec!["force".to_owned()]));
+        assert_eq!((h.sheet.has(Column::Frame), h.sheet.has(Column::Time), h.others), (true, true, vec!["force".to_owned()]));
         let h = Header::read(b"z;X;Y (mm);Marker Name;frame_number;note").unwrap();
-        assert_eq!((h.shape, h.separator, h.unit, h.others), (Shape::Long, b';', Some(Unit::Millimetre), vec!["note".to_owned()]));
+        assert_eq!((h.shape, h.sheet.separator, h.unit, h.others), (Shape::Long, b';', Some(Unit::Millimetre), vec!["note".to_owned()]));
         let h = Header::read(b"A.z,A.x,A.y,B.z,B.x,B.y").unwrap();
         assert_eq!(h.odd_order, Some([2, 0, 1]));
         let h = Header::read(b"A-x,A-y,A-z,LKneeAngles-x,LKneeAngles-y,LKneeAngles-z").unwrap();

@@ -1,13 +1,13 @@
 //! Long tables: a row is a marker in a frame, in any order; what is missing may have an empty row or none.
 
 use super::NAME;
-use super::clock::Clock;
-use super::header::{Column, Header};
-use super::number::Numbers;
-use super::scan::{Cell, Scanner, decode, excerpt};
-use super::table::{Table, gcd};
-use super::wide::{Rows, Width, bad_number, blank, frame_number, next_row, no_rows, too_many_rows};
-use crate::{FormatError, Marker, Place, Role};
+use crate::text::clock::Clock;
+use crate::text::number::Numbers;
+use crate::text::scan::{Cell, Scanner, decode, excerpt};
+use crate::text::table::{Blank, Table, gcd};
+use crate::text::wide::{Rows, Width, bad_number, blank, frame_number, next_row, no_rows, too_many_rows};
+use crate::text::{Column, Sheet};
+use crate::{FormatError, Marker, Place, Role, Samples};
 use std::collections::HashMap;
 use std::ops::Range;
 
@@ -50,15 +50,15 @@ struct Row {
     time: Range<usize>,
 }
 
-/// Reads all rows.
+/// Reads all rows. `stated` are samples that are missing whatever their cells hold.
 ///
 /// # Errors
 /// A row with too few or too many cells, a cell that is no number, a sample given twice, frame numbers too far apart, or no rows at all.
-pub(super) fn read(bytes: &[u8], header: &Header) -> Result<(Rows, Layout), FormatError> {
-    let mut numbers = Numbers::new(header.separator);
-    let mut clock = Clock::new(header.separator, header.time_unit_secs);
-    let mut scanner = Scanner::resume(bytes, header.separator, header.end, header.next_line);
-    let mut width = Width::new(header);
+pub(super) fn read(bytes: &[u8], sheet: &Sheet, stated: &Samples) -> Result<(Rows, Layout), FormatError> {
+    let mut numbers = Numbers::new(sheet.separator);
+    let mut clock = Clock::new(sheet.separator, sheet.time_unit_secs);
+    let mut scanner = Scanner::resume(bytes, sheet.separator, sheet.start, sheet.line);
+    let mut width = Width::new(sheet);
     let mut table = Table { markers: Vec::new(), samples: Vec::new(), blanks: Vec::new(), partial: Vec::new(), first_frame: 1 };
     let mut rows: Vec<Row> = Vec::new();
     let mut known: HashMap<&[u8], u32> = HashMap::new(); // looked up only, never walked over
@@ -78,11 +78,14 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<(Rows, Layout), Form
             if rows.is_empty() {
                 leads.push(from..cell.start.saturating_sub(usize::from(cell.quoted)));
             }
-            match header.columns.get(at) {
+            match sheet.columns.get(at) {
                 Some(&Column::Coordinate { axis, .. }) => {
                     let value = numbers.read(&cell).map_err(|wrong| bad_number(wrong, &cell, line, at))?;
-                    if value.is_none_or(|v| v == 0.0) {
-                        table.blanks.push(blank(&cell, number, 0, axis, value.is_some()));
+                    let zero = value == Some(0.0);
+                    // which sample a row belongs to is known only when all rows are
+                    let given = value.is_some() && !stated.is_empty();
+                    if value.is_none() || zero || given {
+                        table.blanks.push(Blank { zero, given, ..blank(&cell, number, 0, axis) });
                     }
                     if let (Some(v), Some(slot)) = (value, sample.get_mut(axis)) {
                         *slot = v;
@@ -126,10 +129,10 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<(Rows, Layout), Form
     let Some(last) = rows.last() else { return Err(no_rows()) };
     clock.sort();
     let mut layout = Layout {
-        separator: header.separator,
-        columns: (0..cells).map(|i| header.columns.get(i).copied().unwrap_or(Column::Other)).collect(),
+        separator: sheet.separator,
+        columns: (0..cells).map(|i| sheet.columns.get(i).copied().unwrap_or(Column::Other)).collect(),
         leads,
-        line_end: line_end(bytes, header.end),
+        line_end: line_end(bytes, sheet.start),
         labels,
         frame_ends: Vec::new(),
         end: last.end,
@@ -151,7 +154,7 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<(Rows, Layout), Form
             *end = last;
         }
     }
-    if header.has(Column::Time) {
+    if sheet.has(Column::Time) {
         layout.times = vec![0..0; frames];
         for row in &rows {
             if let Some(time) = layout.times.get_mut(index(row))
@@ -183,8 +186,26 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<(Rows, Layout), Form
             blank.marker = row.marker;
         }
     }
+    for (frame, marker) in stated.iter() {
+        if let Some(slot) = samples_of(&mut table, frame, marker) {
+            *slot = [f64::NAN; 3];
+        }
+    }
+    table.partial.retain(|&(index, _)| !stated.contains(index / columns.max(1), index % columns.max(1)));
+    for blank in &mut table.blanks {
+        let stated = stated.contains(blank.frame as usize, blank.marker as usize);
+        blank.zero &= !stated;
+        blank.given &= !stated && !blank.zero;
+    }
+    table.blanks.retain(|b| !b.given);
     table.first_frame = first_frame;
     Ok((Rows { table, numbers, clock, frame_step }, layout))
+}
+
+/// The sample of a marker that is no model output.
+fn samples_of(table: &mut Table, frame: usize, marker: usize) -> Option<&mut [f64; 3]> {
+    table.markers.get(marker).filter(|m| m.role == Role::Marker)?;
+    table.samples.get_mut(frame.checked_mul(table.markers.len())?.checked_add(marker)?)
 }
 
 /// First frame number, the step between neighbouring frames, and the number of frames.

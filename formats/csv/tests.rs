@@ -406,3 +406,27 @@ fn what_is_given_of_a_partial_sample_stays_in_both_flavours() {
         assert_eq!(again.take().position_mm(1, 1), take.position_mm(1, 1), "{text}");
     }
 }
+
+#[test]
+fn samples_stated_missing_can_be_replaced() {
+    let wide = "frame,A-x (mm),A-y (mm),A-z (mm),B-x (mm),B-y (mm),B-z (mm)\n1,1,2,3,0,0,0\n2,4,5,,7,8,9\n";
+    let long = "frame,marker,x (mm),y (mm),z (mm)\n1,A,1,2,3\n1,B,0,0,0\n2,A,4,5,\n2,B,7,8,9\n";
+    for (text, expected) in [
+        (wide, "frame,A-x (mm),A-y (mm),A-z (mm),B-x (mm),B-y (mm),B-z (mm)\n1,1,2,3,5.500,6.500,7.500\n2,5.5,6.5,7.5,7,8,9\n"),
+        (long, "frame,marker,x (mm),y (mm),z (mm)\n1,A,1,2,3\n1,B,5.500,6.500,7.500\n2,A,5.500,6.500,7.500\n2,B,7,8,9\n"),
+    ] {
+        let stated = Stated { rate_hz: Some(100.0), missing: [(0, 1), (1, 0), (7, 7)].into_iter().collect(), ..NONE };
+        let (document, _) = open(text, &stated);
+        let mut take = document.take().clone();
+        for (frame, marker) in [(0, 1), (1, 0)] {
+            assert_eq!(take.origin(frame, marker), Origin::Missing);
+            assert!(take.fill(frame, marker, [5.5, 6.5, 7.5]));
+        }
+        let mut saved = Vec::new();
+        document.save(&take, &mut saved, &Notes::new()).unwrap();
+        assert_eq!(String::from_utf8(saved).unwrap(), expected);
+        let mut same = Vec::new();
+        document.save(document.take(), &mut same, &Notes::new()).unwrap();
+        assert_eq!(String::from_utf8(same).unwrap(), text);
+    }
+}

@@ -1,16 +1,15 @@
 //! Wide tables: a row is a frame, three columns are a marker.
 
-use super::NAME;
 use super::clock::Clock;
-use super::header::{Column, Header};
 use super::number::{Numbers, Wrong, whole};
 use super::scan::{Cell, Scanner, decode, excerpt};
 use super::table::{Blank, Table};
-use crate::{FormatError, Place, Role};
+use super::{Column, NAME, Sheet};
+use crate::{FormatError, Marker, Place, Role, Samples};
 
 /// What the rows of a table said.
 #[derive(Debug)]
-pub(super) struct Rows {
+pub(crate) struct Rows {
     /// The samples.
     pub table: Table,
     /// How numbers are written.
@@ -21,19 +20,19 @@ pub(super) struct Rows {
     pub frame_step: i64,
 }
 
-/// Reads all rows.
+/// Reads all rows. `stated` are samples that are missing whatever their cells hold.
 ///
 /// # Errors
 /// A row with too few or too many cells, a cell that is no number, frame numbers with holes, or no rows at all.
-pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Rows, FormatError> {
-    let markers = header.markers.len();
-    let mut table = Table { markers: header.markers.clone(), samples: Vec::new(), blanks: Vec::new(), partial: Vec::new(), first_frame: 1 };
-    let mut numbers = Numbers::new(header.separator);
-    let mut clock = Clock::new(header.separator, header.time_unit_secs);
-    let mut scanner = Scanner::resume(bytes, header.separator, header.end, header.next_line);
-    let mut width = Width::new(header);
+pub(crate) fn read(bytes: &[u8], sheet: &Sheet, columns: &[Marker], stated: &Samples) -> Result<Rows, FormatError> {
+    let markers = columns.len();
+    let mut table = Table { markers: columns.to_vec(), samples: Vec::new(), blanks: Vec::new(), partial: Vec::new(), first_frame: 1 };
+    let mut numbers = Numbers::new(sheet.separator);
+    let mut clock = Clock::new(sheet.separator, sheet.time_unit_secs);
+    let mut scanner = Scanner::resume(bytes, sheet.separator, sheet.start, sheet.line);
+    let mut width = Width::new(sheet);
     let mut frame_numbers = FrameNumbers::default();
-    let numbered = header.has(Column::Frame);
+    let numbered = sheet.has(Column::Frame);
     let mut frames = 0u32;
     let mut empty_row = None; // a row of nothing but separators, as spreadsheets add them at the end
     while next_row(&mut scanner)? {
@@ -47,11 +46,15 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Rows, FormatError> {
         loop {
             let cell = scanner.cell()?;
             all_blank &= cell.is_blank();
-            match header.columns.get(at) {
+            match sheet.columns.get(at) {
                 Some(&Column::Coordinate { marker, axis }) => {
-                    let value = numbers.read(&cell).map_err(|wrong| bad_number(wrong, &cell, line, at))?;
-                    if value.is_none_or(|v| v == 0.0) && table.markers.get(marker).is_some_and(|m| m.role == Role::Marker) {
-                        table.blanks.push(blank(&cell, frames, marker, axis, value.is_some()));
+                    let mut value = numbers.read(&cell).map_err(|wrong| bad_number(wrong, &cell, line, at))?;
+                    let stated = stated.contains(frames as usize, marker);
+                    if (stated || value.is_none_or(|v| v == 0.0)) && table.markers.get(marker).is_some_and(|m| m.role == Role::Marker) {
+                        table.blanks.push(Blank { zero: value.is_some() && !stated, ..blank(&cell, frames, marker, axis) });
+                        if stated {
+                            value = None;
+                        }
                     }
                     if let (Some(v), Some(slot)) = (value, table.samples.get_mut(from + marker).and_then(|s| s.get_mut(axis))) {
                         *slot = v;
@@ -97,7 +100,7 @@ pub(super) fn read(bytes: &[u8], header: &Header) -> Result<Rows, FormatError> {
 }
 
 /// Steps to the next row; false at the end of the file, which may have empty lines before it.
-pub(super) fn next_row(scanner: &mut Scanner<'_>) -> Result<bool, FormatError> {
+pub(crate) fn next_row(scanner: &mut Scanner<'_>) -> Result<bool, FormatError> {
     let line = scanner.line();
     scanner.skip_blank_lines();
     if scanner.at_end() {
@@ -107,7 +110,7 @@ pub(super) fn next_row(scanner: &mut Scanner<'_>) -> Result<bool, FormatError> {
 }
 
 /// The place of a cell that can be filled.
-pub(super) fn blank(cell: &Cell<'_>, frame: u32, marker: usize, axis: usize, zero: bool) -> Blank {
+pub(crate) fn blank(cell: &Cell<'_>, frame: u32, marker: usize, axis: usize) -> Blank {
     Blank {
         start: cell.start as u64,
         len: u32::try_from(cell.text.len()).unwrap_or(u32::MAX), // a number of 4 GiB would be the whole file
@@ -115,13 +118,14 @@ pub(super) fn blank(cell: &Cell<'_>, frame: u32, marker: usize, axis: usize, zer
         marker: marker as u32,
         axis: axis as u8,
         quoted: cell.quoted,
-        zero,
+        zero: false,
+        given: false,
     }
 }
 
 /// Watches that all rows have the same number of cells, and the header's.
 #[derive(Clone, Debug)]
-pub(super) struct Width {
+pub(crate) struct Width {
     header: usize,
     /// Columns of the header that rows may lack, because they have no name.
     nameless: usize,
@@ -130,8 +134,8 @@ pub(super) struct Width {
 }
 
 impl Width {
-    pub fn new(header: &Header) -> Self {
-        Self { header: header.columns.len(), nameless: header.nameless_tail, first_row: None, surplus: false }
+    pub fn new(sheet: &Sheet) -> Self {
+        Self { header: sheet.columns.len(), nameless: sheet.nameless_tail, first_row: None, surplus: false }
     }
 
     /// Takes in a cell for which the header has no column. Only separators at the end of every row are harmless.
@@ -184,14 +188,14 @@ impl FrameNumbers {
 }
 
 /// The frame number in a cell.
-pub(super) fn frame_number(cell: &Cell<'_>, line: u64, column: usize) -> Result<i64, FormatError> {
+pub(crate) fn frame_number(cell: &Cell<'_>, line: u64, column: usize) -> Result<i64, FormatError> {
     whole(cell).ok_or_else(|| {
         let text = format!("\"{}\" is not a whole number below 9e15, expected the number of a frame; correct it", excerpt(&decode(cell)));
         FormatError::malformed(NAME, place(line, column), text)
     })
 }
 
-pub(super) fn bad_number(wrong: Wrong, cell: &Cell<'_>, line: u64, column: usize) -> FormatError {
+pub(crate) fn bad_number(wrong: Wrong, cell: &Cell<'_>, line: u64, column: usize) -> FormatError {
     let found = excerpt(&decode(cell));
     let text = match wrong {
         Wrong::NotANumber => {
@@ -216,10 +220,10 @@ fn empty_line(line: u64) -> FormatError {
     )
 }
 
-pub(super) fn no_rows() -> FormatError {
+pub(crate) fn no_rows() -> FormatError {
     FormatError::malformed(NAME, Place::Whole, "there is a header, but no row of numbers follows; export the take again")
 }
 
-pub(super) fn too_many_rows(line: u64) -> FormatError {
+pub(crate) fn too_many_rows(line: u64) -> FormatError {
     FormatError::too_large(NAME, Place::Line { line, column: None }, "more than 4294967295 rows; split the file")
 }

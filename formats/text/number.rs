@@ -8,7 +8,7 @@ const MOST_DECIMALS: usize = 24;
 
 /// What is wrong with a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Wrong {
+pub(crate) enum Wrong {
     /// It is none.
     NotANumber,
     /// It has a decimal comma where the numbers before have points, or the other way round.
@@ -20,7 +20,7 @@ pub(super) enum Wrong {
 
 /// Reads numbers, and remembers how they are written.
 #[derive(Clone, Debug)]
-pub(super) struct Numbers {
+pub(crate) struct Numbers {
     separator: u8,
     sign: Option<u8>,
     /// How many numbers have 0, 1, 2... decimals.
@@ -108,7 +108,7 @@ impl Numbers {
 
 /// How a file writes its numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Style {
+pub(crate) struct Style {
     /// Decimals.
     pub decimals: usize,
     /// True if trailing zeros are written.
@@ -154,7 +154,7 @@ impl Style {
 }
 
 /// One unit of the last of `decimals` decimals.
-pub(super) fn step(decimals: usize) -> f64 {
+pub(crate) fn step(decimals: usize) -> f64 {
     format!("1e-{decimals}").parse().unwrap_or(0.0)
 }
 
@@ -179,7 +179,7 @@ fn parse(text: &[u8]) -> Option<f64> {
 }
 
 /// A whole number up to 9e15 (which every `f64` below is exact for), also if written as `12.0`.
-pub(super) fn whole(cell: &Cell<'_>) -> Option<i64> {
+pub(crate) fn whole(cell: &Cell<'_>) -> Option<i64> {
     let text = std::str::from_utf8(cell.text).ok()?.trim();
     let value = text.parse::<f64>().or_else(|_| text.replace(',', ".").parse()).ok()?;
     (value.fract() == 0.0 && value.abs() <= 9e15).then_some(value as i64)

@@ -20,7 +20,7 @@ struct Stamp {
 
 /// Collects the times of frames.
 #[derive(Clone, Debug)]
-pub(super) struct Clock {
+pub(crate) struct Clock {
     numbers: Numbers,
     unit_secs: Option<f64>,
     stamps: Vec<Stamp>,
@@ -134,7 +134,7 @@ impl Clock {
 ///
 /// Times are in seconds, `rounding` is the step of their last decimal.
 /// 0.00000 and 4.16667 after 100 steps are 24 Hz, not 23.99998 Hz.
-pub(super) fn simplest_rate(first: f64, last: f64, frames: f64, rounding: f64) -> f64 {
+pub(crate) fn simplest_rate(first: f64, last: f64, frames: f64, rounding: f64) -> f64 {
     let span = last - first;
     let rate = frames / span;
     let slack = rate * (rounding + 2.0 * f64::EPSILON * last.abs().max(first.abs())) / span;
@@ -192,7 +192,7 @@ mod tests {
         let lost = ["0", "0.01", "0.02", "0.05", "0.06"];
         assert_eq!(
             rate(&lost, None, false).0.unwrap_err(),
-            "csv: the time goes from 0.02 to 0.05, the usual step is 0.01: rows seem to be missing; add them with empty cells, \
+            "text: the time goes from 0.02 to 0.05, the usual step is 0.01: rows seem to be missing; add them with empty cells, \
              or say --rate to take the rows as equally spaced (line 5)"
         );
         let (rate, notes) = rate(&lost, None, true);

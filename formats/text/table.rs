@@ -15,7 +15,7 @@ const SAMPLES_FOR_A_MEDIAN: usize = 100_000;
 
 /// A cell that is to be written if its sample is filled. Only these keep their place in the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Blank {
+pub(crate) struct Blank {
     /// Where the text to be replaced begins.
     pub start: u64,
     /// How long it is; 0 in an empty cell.
@@ -30,11 +30,13 @@ pub(super) struct Blank {
     pub quoted: bool,
     /// True if the cell holds a zero, which may or may not stand for a gap.
     pub zero: bool,
+    /// True if the cell holds a number, which is replaced only if its sample is stated missing.
+    pub given: bool,
 }
 
 /// Everything that the rows said, in the unit of the file.
 #[derive(Clone, Debug)]
-pub(super) struct Table {
+pub(crate) struct Table {
     /// The columns.
     pub markers: Vec<Marker>,
     /// Frames × markers, frame by frame; NaN where any coordinate is missing.
@@ -225,6 +227,6 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 }
 
 /// Greatest common divisor.
-pub(super) fn gcd(a: u64, b: u64) -> u64 {
+pub(crate) fn gcd(a: u64, b: u64) -> u64 {
     if b == 0 { a } else { gcd(b, a % b) }
 }

@@ -14,7 +14,7 @@ use crate::{FormatError, Place};
 
 /// One cell of a row.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Cell<'a> {
+pub(crate) struct Cell<'a> {
     /// What the cell holds, without surrounding blanks and quotes.
     pub text: &'a [u8],
     /// Where [`Cell::text`] begins in the file. An empty cell begins where its number would be written: after its blanks.
@@ -34,7 +34,7 @@ impl Cell<'_> {
 
 /// Walks over the cells of a file.
 #[derive(Clone, Debug)]
-pub(super) struct Scanner<'a> {
+pub(crate) struct Scanner<'a> {
     bytes: &'a [u8],
     at: usize,
     line: u64,
@@ -172,7 +172,7 @@ impl<'a> Scanner<'a> {
 }
 
 /// The text of a cell as a person reads it: quotes undoubled, UTF-8, or Latin-1 where it is not UTF-8.
-pub(super) fn decode(cell: &Cell<'_>) -> String {
+pub(crate) fn decode(cell: &Cell<'_>) -> String {
     let text = match std::str::from_utf8(cell.text) {
         Ok(text) => text.to_owned(),
         // Every byte is a character of Latin-1, so nothing is lost and different labels stay different.
@@ -182,7 +182,7 @@ pub(super) fn decode(cell: &Cell<'_>) -> String {
 }
 
 /// Text of a file as it is put into a message: short, and without control characters.
-pub(super) fn excerpt(text: &str) -> String {
+pub(crate) fn excerpt(text: &str) -> String {
     let mut short: String = text.chars().take(30).flat_map(char::escape_debug).collect();
     if text.chars().nth(30).is_some() {
         short.push('…');
@@ -231,8 +231,8 @@ mod tests {
     #[test]
     fn quotes_that_make_no_sense() {
         for (text, expected) in [
-            ("a\nb,\"c\n1,2\n", "csv: a quote is opened here and never closed; close it, or take it away (line 2)"),
-            ("\"a\nb\"c,d", "csv: text follows a closing quote; double the quotes inside a quoted cell (line 2)"),
+            ("a\nb,\"c\n1,2\n", "text: a quote is opened here and never closed; close it, or take it away (line 2)"),
+            ("\"a\nb\"c,d", "text: text follows a closing quote; double the quotes inside a quoted cell (line 2)"),
         ] {
             assert_eq!(rows(text.as_bytes(), b',').unwrap_err(), expected);
         }
