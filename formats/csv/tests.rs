@@ -412,7 +412,7 @@ fn samples_stated_missing_can_be_replaced() {
     let wide = "frame,A-x (mm),A-y (mm),A-z (mm),B-x (mm),B-y (mm),B-z (mm)\n1,1,2,3,0,0,0\n2,4,5,,7,8,9\n";
     let long = "frame,marker,x (mm),y (mm),z (mm)\n1,A,1,2,3\n1,B,0,0,0\n2,A,4,5,\n2,B,7,8,9\n";
     for (text, expected) in [
-        (wide, "frame,A-x (mm),A-y (mm),A-z (mm),B-x (mm),B-y (mm),B-z (mm)\n1,1,2,3,5.500,6.500,7.500\n2,5.5,6.5,7.5,7,8,9\n"),
+        (wide, "frame,A-x (mm),A-y (mm),A-z (mm),B-x (mm),B-y (mm),B-z (mm)\n1,1,2,3,5.500,6.500,7.500\n2,5.500,6.500,7.500,7,8,9\n"),
         (long, "frame,marker,x (mm),y (mm),z (mm)\n1,A,1,2,3\n1,B,5.500,6.500,7.500\n2,A,5.500,6.500,7.500\n2,B,7,8,9\n"),
     ] {
         let stated = Stated { rate_hz: Some(100.0), missing: [(0, 1), (1, 0), (7, 7)].into_iter().collect(), ..NONE };
