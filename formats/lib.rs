@@ -19,6 +19,7 @@ mod note;
 mod samples;
 mod take;
 mod text;
+mod turn;
 
 pub use error::{FormatError, Place, Problem};
 pub use grid::Grid;
@@ -101,6 +102,12 @@ pub trait Document: Send {
     /// # Errors
     /// Unsupported if a filled value cannot be stored, or an I/O error of `out`.
     fn save(&self, repaired: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError>;
+
+    /// What the file holds that is not in the take, in a few words each, such as `24 analog channels`.
+    /// Saving keeps it; a new file made from the take does not have it.
+    fn beyond_take(&self) -> Vec<String> {
+        Vec::new()
+    }
 
     /// The same file with coordinates stored as floating-point numbers, where this one stores them as integers and the format knows both.
     /// `None` if there is nothing to change.

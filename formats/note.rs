@@ -107,6 +107,8 @@ pub enum Note {
         /// The step in mm.
         step_mm: f64,
     },
+    /// Integers were taken for floating-point numbers, as asked for.
+    Floats,
     /// The written format cannot hold something that the take has.
     NotExpressible {
         /// The format's name.
@@ -138,7 +140,8 @@ impl Note {
             | Self::PartialSamples { .. }
             | Self::OtherColumns { .. }
             | Self::FrameStep { .. }
-            | Self::Rounded { .. } => false,
+            | Self::Rounded { .. }
+            | Self::Floats => false,
         }
     }
 
@@ -163,6 +166,7 @@ impl Note {
             Self::OtherColumns { .. } => "other-columns",
             Self::FrameStep { .. } => "frame-step",
             Self::Rounded { .. } => "rounded",
+            Self::Floats => "floats",
             Self::NotExpressible { .. } => "not-expressible",
         }
     }
@@ -205,6 +209,7 @@ impl std::fmt::Display for Note {
                 write!(f, "the frame numbers go up in steps of {step}; the rows were counted as consecutive frames")
             }
             Self::Rounded { step_mm } => write!(f, "filled positions are rounded to the file's own step of {step_mm} mm"),
+            Self::Floats => f.write_str("coordinates stored as integers become floating-point numbers"),
             Self::NotExpressible { format, what } => write!(f, "{format} cannot hold {what}; left out"),
         }
     }

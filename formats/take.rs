@@ -283,6 +283,20 @@ impl TakeBuilder {
         self
     }
 
+    /// Sets the frame rate, in Hz.
+    #[must_use]
+    pub fn rate_hz(mut self, rate_hz: f64) -> Self {
+        self.take.rate_hz = rate_hz;
+        self
+    }
+
+    /// Forgets what is given of samples that are missing in part.
+    #[must_use]
+    pub fn without_given(mut self) -> Self {
+        self.take.given_mm.clear();
+        self
+    }
+
     /// Sets the axis that points up.
     #[must_use]
     pub fn up(mut self, up: Option<Direction>) -> Self {

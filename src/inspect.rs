@@ -2,7 +2,8 @@
 
 use crate::bones;
 use crate::gaps::gaps;
-use crate::repair::{Opened, neighbours};
+use crate::input::Opened;
+use crate::repair::neighbours;
 use crate::report::{lines, short};
 use crate::solve::Gap;
 use formats::{Note, Origin};

@@ -14,12 +14,17 @@
 
 pub mod bones;
 pub mod cli;
+mod compression;
+pub mod convert;
 pub mod demo;
 pub mod explain;
 pub mod fills;
 pub mod gaps;
+pub mod input;
 pub mod inspect;
 pub mod log;
+pub mod missing;
+pub mod output;
 mod random;
 pub mod repair;
 pub mod report;

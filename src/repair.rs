@@ -2,16 +2,18 @@
 
 use crate::bones::{self, BonesError};
 use crate::gaps::{Open, Policy, gaps};
+use crate::input::{Opened, Reading, hex, open, read};
 use crate::log::{About, Closing, LogError, McapLog};
+use crate::missing::MissingError;
+use crate::output::{Names, original_name, unwritable};
 use crate::report::{GapReport, Report, StageReport};
 use crate::solve::auto::Stiffness;
 use crate::solve::lds::{EStep, Hidden, Init};
 use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Solved, Stop};
-use crate::verify::{Broken, verify};
+use crate::verify::Broken;
 use crate::{fills, staging};
-use formats::{DetectError, Document, Format, FormatError, Notes, Role, Samples, Stated, Take};
+use formats::{DetectError, FormatError, Role, Take};
 use sha2::{Digest, Sha256};
-use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -52,7 +54,7 @@ pub struct Request {
     /// Patterns of the markers whose gaps are filled; all if empty.
     pub markers: Vec<String>,
     /// What the user states about the file.
-    pub stated: Stated,
+    pub reading: Reading,
 }
 
 /// Why a take could not be repaired. Every text begins with the file it is about.
@@ -90,6 +92,20 @@ pub enum RepairError {
         /// Why.
         error: BonesError,
     },
+    /// The samples stated to be missing cannot be found.
+    #[error("{path}: {error}", path = .path.display())]
+    Missing {
+        /// The take.
+        path: PathBuf,
+        /// Why.
+        error: MissingError,
+    },
+    /// A take is to be turned, and nobody says from where.
+    #[error("{path}: does not say which axis points up, so it cannot be turned; say it with --from-up", path = .path.display())]
+    NoUp {
+        /// The take.
+        path: PathBuf,
+    },
     /// A pattern fits no marker.
     #[error("{path}: --markers {pattern} fits no marker; the take has {labels}", path = .path.display())]
     NoSuchMarker {
@@ -126,42 +142,15 @@ pub enum RepairError {
     },
 }
 
-/// An opened take with what was learned on the way.
-pub struct Opened {
-    /// The file's format.
-    pub format: &'static dyn Format,
-    /// The opened file.
-    pub document: Box<dyn Document>,
-    /// What was assumed or found odd.
-    pub notes: Notes,
-    /// SHA-256 of the file, hexadecimal.
-    pub sha256: String,
-}
-
-/// Reads and opens a file.
-///
-/// # Errors
-/// It cannot be read, is of no known format, or is damaged.
-pub fn open(path: &Path, stated: &Stated) -> Result<Opened, RepairError> {
-    let bytes = read(path)?;
-    let extension = path.extension().and_then(|e| e.to_str());
-    let head = &bytes[..bytes.len().min(4096)];
-    let format = formats::detect(head, extension).map_err(|error| RepairError::Detect { path: path.to_owned(), error })?;
-    let sha256 = hex(&Sha256::digest(&bytes));
-    let notes = Notes::new();
-    let document = format.open(bytes, stated, &notes).map_err(|error| RepairError::Format { path: path.to_owned(), error })?;
-    Ok(Opened { format, document, notes, sha256 })
-}
-
 /// Repairs one take: the main job.
 ///
 /// # Errors
 /// Whatever keeps the output from being written whole; then no file was written at all.
 pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBool) -> Result<Report, RepairError> {
     if !request.dry_run {
-        check_names(request)?;
+        request.names().check()?;
     }
-    let opened = open(&request.input, &request.stated)?;
+    let opened = open(&request.input, &request.reading)?;
     let before = opened.document.take();
     let found = gaps(before);
     let (bones, stated_bones) = chosen_bones(request, before)?;
@@ -198,14 +187,6 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
     }
     report.notes = opened.notes.take();
     Ok(report)
-}
-
-/// Bytes as lower-case hexadecimal digits.
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, b| {
-        let _ = std::fmt::Write::write_fmt(&mut text, format_args!("{b:02x}")); // a String takes everything
-        text
-    })
 }
 
 /// A solver that broke down is an error; one that merely ran out of steps is not.
@@ -255,7 +236,7 @@ fn asked_for(request: &Request, take: &Take) -> Result<Vec<bool>, RepairError> {
 }
 
 /// True if `pattern`, in which `*` stands for any text and `?` for one character, fits the whole of `text`.
-fn matches(pattern: &str, text: &str) -> bool {
+pub(crate) fn matches(pattern: &str, text: &str) -> bool {
     let (pattern, text): (Vec<char>, Vec<char>) = (pattern.chars().collect(), text.chars().collect());
     let (mut p, mut t) = (0, 0);
     let mut star: Option<(usize, usize)> = None;
@@ -312,22 +293,7 @@ fn start_log(request: &Request, opened: &Opened, bones: &[Bone], report: &mut Re
 /// Writes the output, proves it, and puts everything in place: the table and the log first, the output last.
 fn write_out(request: &Request, opened: &Opened, repaired: &Take, log: Option<McapLog>, report: &mut Report) -> Result<(), RepairError> {
     let output = &request.output;
-    let (format, same_format) = output_format(output, opened.format);
-    let mut file = staging::beside(output).map_err(|e| unwritable(output, &e))?;
-    let written = {
-        let mut out = io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
-        let result = if same_format {
-            opened.document.save(repaired, &mut out, &opened.notes)
-        } else {
-            format.create(repaired, &mut out, &opened.notes)
-        };
-        result.and_then(|()| out.flush().map_err(|e| FormatError::io(format.info().name, e)))
-    };
-    written.map_err(|error| RepairError::Format { path: output.clone(), error })?;
-    file.as_file().sync_all().map_err(|e| unwritable(output, &e))?;
-    let stated = if same_format { Stated { missing: Samples::default(), ..request.stated.clone() } } else { Stated::default() };
-    let back = std::fs::read(file.path()).map_err(|e| unwritable(output, &e))?;
-    verify(back, format, &stated, repaired, same_format).map_err(|error| RepairError::Verify { path: output.clone(), error })?;
+    let file = crate::output::write(crate::output::way(output, opened.format), opened, repaired, &request.reading.stated, output)?;
 
     // From here on everything is written; what remains are names.
     let mut placed = Placed::default();
@@ -394,98 +360,13 @@ fn keep_original(request: &Request, sha256: &str) -> Result<PathBuf, RepairError
     Ok(kept)
 }
 
-/// The name under which `--in-place` keeps the input.
-pub fn original_name(input: &Path) -> PathBuf {
-    let mut name = input.as_os_str().to_owned();
-    name.push(".orig");
-    name.into()
-}
-
-/// The format to write, and whether it is that of the input. The extension decides, if it is one that we know.
-fn output_format(output: &Path, input: &'static dyn Format) -> (&'static dyn Format, bool) {
-    let named = output.extension().and_then(|e| e.to_str()).and_then(formats::by_extension);
-    match named {
-        Some(format) if format.info().name != input.info().name => (format, false),
-        _ => (input, true),
-    }
-}
-
-/// Nothing that exists is overwritten unasked, and no two names mean one file.
-fn check_names(request: &Request) -> Result<(), RepairError> {
-    let stop = |path: &Path, problem: &str| Err(RepairError::Io { path: path.to_owned(), problem: problem.to_owned() });
-    if !request.in_place
-        && let Some(extension) = request.output.extension().and_then(|e| e.to_str())
-        && formats::by_extension(extension).is_none()
-    {
-        let known = formats::ALL.iter().flat_map(|f| f.info().extensions).map(|e| format!(".{e}")).collect::<Vec<_>>().join(", ");
-        return stop(&request.output, &format!("the extension .{extension} names no format that can be written; use one of: {known}"));
-    }
-    if !request.in_place && staging::same_file(&request.input, &request.output) {
-        return stop(&request.output, "is the input itself; give another name, or say --in-place");
-    }
-    let mut names: Vec<&Path> = Vec::new();
-    if !request.in_place {
-        names.push(&request.output);
-    }
-    names.extend(request.log.as_deref());
-    names.extend(request.fills.as_deref());
-    let kept = original_name(&request.input);
-    if request.in_place {
-        if kept.exists() {
-            return stop(&kept, "exists already, so the original could not be kept; move it away first");
-        }
-        names.push(&kept);
-    }
-    for (at, name) in names.iter().enumerate() {
-        if staging::same_file(name, &request.input) {
-            return stop(name, "is the input itself; give another name");
-        }
-        if names[..at].iter().any(|other| staging::same_file(other, name)) {
-            return stop(name, "is named for two different files; give different names");
-        }
-        if name.is_dir() {
-            return stop(name, "is a folder; name a file in it");
-        }
-        if name.exists() && !name.is_file() {
-            return stop(name, "is a device or a pipe, which a file cannot take the place of; give another name");
-        }
-        if name.exists() && !request.force {
-            return stop(name, "exists already; give another name, or say --force to replace it");
-        }
-        if !staging::folder(name).is_dir() {
-            return stop(name, "its folder does not exist; make it first");
-        }
-    }
-    Ok(())
-}
-
-fn unwritable(path: &Path, error: &io::Error) -> RepairError {
-    RepairError::Io { path: path.to_owned(), problem: format!("cannot be written: {}", plain(error)) }
-}
-
-/// An I/O error without the library's additions.
-fn plain(error: &io::Error) -> String {
-    match error.kind() {
-        io::ErrorKind::PermissionDenied => "permission denied".to_owned(),
-        io::ErrorKind::NotFound => "no such file or folder".to_owned(),
-        _ => error.to_string(),
-    }
-}
-
-/// Reads a whole file.
-fn read(path: &Path) -> Result<Vec<u8>, RepairError> {
-    let wrong = |problem: String| RepairError::Io { path: path.to_owned(), problem };
-    let metadata = std::fs::metadata(path).map_err(|e| wrong(format!("cannot be read: {}", plain(&e))))?;
-    if metadata.is_dir() {
-        return Err(wrong("is a folder; name one file in it".to_owned()));
-    }
-    if metadata.len() > formats::LARGEST_FILE {
-        return Err(wrong(format!("has {} bytes, the largest file that is read has {}", metadata.len(), formats::LARGEST_FILE)));
-    }
-    std::fs::read(path).map_err(|e| wrong(format!("cannot be read: {}", plain(&e))))
-}
-
 impl Request {
+    /// The files to write.
+    fn names(&self) -> Names<'_> {
+        let beside = self.log.as_deref().into_iter().chain(self.fills.as_deref()).collect();
+        Names { input: &self.input, output: &self.output, beside, in_place: self.in_place, force: self.force }
+    }
+
     /// True if bones are to keep their lengths exactly.
     pub fn hard(&self) -> bool {
         self.method == Method::BoleroHc || (self.method == Method::Auto && self.settings.stiffness == Stiffness::Hard)

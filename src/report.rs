@@ -3,7 +3,8 @@
 use crate::explain::Part;
 use crate::fills::Filled;
 use crate::gaps::Open;
-use crate::repair::{Opened, Request};
+use crate::input::Opened;
+use crate::repair::Request;
 use crate::solve::{Bone, Gap, Stage, Stop};
 use formats::{Note, Origin, Take};
 use serde::Serialize;

@@ -6,7 +6,8 @@
 use clap::Parser;
 use formats::{Stated, Take, TakeBuilder, Unit};
 use mocap_repair::bones;
-use mocap_repair::repair::{neighbours, open};
+use mocap_repair::input::open;
+use mocap_repair::repair::neighbours;
 use mocap_repair::solve::auto::Recipe;
 use mocap_repair::solve::{Limits, Method, Problem, Settings};
 use rayon::prelude::*;
@@ -91,7 +92,7 @@ fn work(args: &Args) -> Result<(), String> {
             if !takes.contains_key(case.motion.as_str()) {
                 let path = shared.join("data/cmu9").join(format!("{}.csv", case.motion));
                 let stated = Stated { rate_hz: Some(RATE_HZ), unit: Some(Unit::Millimetre), ..Stated::default() };
-                let opened = open(&path, &stated).map_err(|e| e.to_string())?;
+                let opened = open(&path, &stated.into()).map_err(|e| e.to_string())?;
                 takes.insert(&case.motion, opened.document.take().clone());
             }
         }

@@ -1,7 +1,7 @@
 //! The motions and the occlusions, from a folder that is not part of this repository.
 
 use formats::{Stated, Take, Unit};
-use mocap_repair::repair;
+use mocap_repair::input;
 use mocap_repair::solve::Gap;
 use serde::Deserialize;
 use std::collections::BTreeMap;
@@ -76,7 +76,7 @@ pub fn load(motions: &[String], trials: usize) -> Result<(Vec<Case>, BTreeMap<St
         let path = folder.join("data/cmu9").join(format!("{}.csv", case.motion));
         if !takes.contains_key(&case.motion) {
             let stated = Stated { rate_hz: Some(RATE_HZ), unit: Some(Unit::Millimetre), ..Stated::default() };
-            let opened = repair::open(&path, &stated).map_err(|error| error.to_string())?;
+            let opened = input::open(&path, &stated.into()).map_err(|error| error.to_string())?;
             takes.insert(case.motion.clone(), opened.document.take().clone());
         }
         if let Some(take) = takes.get(&case.motion) {

@@ -1,6 +1,7 @@
 //! What only a process can show: exit codes, what is printed where, and which files are there afterwards.
 //!
 //! - `repairing`: the main job, and the demonstration take
+//! - `converting`: `convert`, `.zst`, `--missing`, `--float`
 //! - `auto`: what the default method says about its fills
 //! - `options`: what each option changes in the files
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
@@ -11,6 +12,7 @@
 #![allow(clippy::unwrap_used)] // A test program: it fails by panicking.
 
 mod auto;
+mod converting;
 mod interruptions;
 mod lab;
 mod options;

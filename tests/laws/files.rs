@@ -3,6 +3,7 @@
 use crate::{Hole, WALKERS, cases, hidden, holes, same_where_known, walk_of};
 use formats::{Format, Notes, Origin, Stated, Take, TakeBuilder, Unit};
 use mocap_repair::gaps::Policy;
+use mocap_repair::input::Reading;
 use mocap_repair::repair::{Request, repair};
 use mocap_repair::report::Report;
 use mocap_repair::solve::lds::Hidden;
@@ -43,7 +44,7 @@ fn run(bytes: &[u8], extension: &str, method: Method) -> Ran {
         seed: 0,
         policy: Policy::default(),
         markers: Vec::new(),
-        stated: Stated::default(),
+        reading: Reading::default(),
     };
     let report = repair(&request, &mut (), &AtomicBool::new(false)).unwrap();
     let read = |path: &Path| std::fs::read(path).unwrap();

@@ -1,141 +1,168 @@
-//! What was typed, the help text, and what is printed. The only file that prints.
-#![allow(clippy::print_stdout, clippy::print_stderr)] // this is where output belongs
+//! What can be typed for one take: options, their values, and what they mean.
 
-use crate::bones;
-use crate::demo::{DemoOptions, write_demo};
+use crate::compression;
+use crate::convert::Conversion;
 use crate::gaps::Policy;
-use crate::inspect::Inspection;
-use crate::log::Terminal;
-use crate::repair::{RepairError, Request, neighbours, open, repair};
-use crate::report::lines;
+use crate::input::Reading;
+use crate::repair::Request;
 use crate::solve::auto::{Recipe, Stiffness};
 use crate::solve::lds::em::Noise;
 use crate::solve::lds::step::BoneStep;
 use crate::solve::lds::{EStep, Hidden, Init, Start};
 use crate::solve::{Limits, Method, Settings};
-use clap::{Args, CommandFactory, Parser, Subcommand, ValueEnum, error::ErrorKind};
-use formats::{Stated, Unit};
-use serde::Serialize;
+use clap::{Args, ValueEnum};
+use formats::{Direction, Format, Stated, Unit};
 use std::ffi::OsString;
-use std::io::{IsTerminal, Write};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::path::PathBuf;
 
-const AFTER_HELP: &str = "\
-Exit codes:
-  0  every gap is filled and the log is complete
-  1  failed; no output was written
-  2  the command line was wrong
-  3  the output exists, but look at it: a gap was left open, something was assumed or lost,
-     the iteration did not converge, or there is no log";
-
-/// Fills the gaps of motion-capture takes so that bones keep their lengths, and leaves everything else as it was.
-#[derive(Debug, Parser)]
-#[command(name = "mocap-repair", version, after_help = AFTER_HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
-pub struct Cli {
-    #[command(subcommand)]
-    command: Option<Command>,
-    #[command(flatten)]
-    repair: RepairArgs,
-}
-
-#[derive(Debug, Subcommand)]
-enum Command {
-    /// Say what is in takes: rate, frames, units, markers, gaps, bones, oddities
-    Inspect {
-        /// Takes to look at
-        #[arg(required = true, value_name = "IN")]
-        inputs: Vec<PathBuf>,
-        #[command(flatten)]
-        stated: StatedArgs,
-        /// One JSON document per take
-        #[arg(long)]
-        json: bool,
-    },
-    /// Print the bones that are found in a take, in the form that --bones reads
-    Bones {
-        /// The take
-        #[arg(value_name = "IN")]
-        input: PathBuf,
-        #[command(flatten)]
-        stated: StatedArgs,
-    },
-    /// Make a synthetic take of a walking figure: its truth, and the same with gaps, as C3D and CSV
-    Demo {
-        /// Folder to write to; made if it is not there
-        #[arg(short, long, value_name = "DIR")]
-        output: PathBuf,
-        /// Number of frames
-        #[arg(long, default_value_t = DemoOptions::default().frames as u32, value_parser = clap::value_parser!(u32).range(60..=200_000))]
-        frames: u32,
-        /// Frames per second
-        #[arg(long, value_name = "HZ", default_value_t = DemoOptions::default().rate_hz, value_parser = rate)]
-        rate: f64,
-        /// Another seed makes another walk
-        #[arg(long, default_value_t = DemoOptions::default().seed)]
-        seed: u64,
-        /// Replace files that exist
-        #[arg(long)]
-        force: bool,
-    },
-}
-
+/// What the user knows better than the file.
 #[derive(Debug, Args)]
-struct StatedArgs {
+pub(super) struct StatedArgs {
     /// Frame rate, if the file does not say it or says it wrong
     #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
     rate: Option<f64>,
     /// Unit of length, if the file does not say it or says it wrong
     #[arg(long, value_enum)]
     units: Option<UnitArg>,
+    #[command(flatten)]
+    missing: MissingArgs,
+}
+
+#[derive(Debug, Args)]
+pub(super) struct MissingArgs {
+    /// Samples that are missing although the file holds something in their place: a marker (* and ? allowed) and frames by the file's own
+    /// numbers, or a CSV with the columns marker and frame, or marker, first_frame and last_frame; may be said more than once
+    #[arg(long, value_name = "MARKER[:FIRST-LAST]|FILE.csv")]
+    missing: Vec<String>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum UnitArg {
+pub(super) enum UnitArg {
     Mm,
     Cm,
     M,
 }
 
-impl StatedArgs {
-    fn stated(&self) -> Stated {
-        let unit = self.units.map(|u| match u {
-            UnitArg::Mm => Unit::Millimetre,
-            UnitArg::Cm => Unit::Centimetre,
-            UnitArg::M => Unit::Metre,
-        });
-        Stated { rate_hz: self.rate, unit, ..Stated::default() }
+impl From<UnitArg> for Unit {
+    fn from(unit: UnitArg) -> Self {
+        match unit {
+            UnitArg::Mm => Self::Millimetre,
+            UnitArg::Cm => Self::Centimetre,
+            UnitArg::M => Self::Metre,
+        }
     }
 }
 
+impl StatedArgs {
+    pub fn reading(&self) -> Reading {
+        let stated = Stated { rate_hz: self.rate, unit: self.units.map(Unit::from), ..Stated::default() };
+        Reading { stated, missing: self.missing.missing.clone(), float: false }
+    }
+}
+
+/// `mocap-repair convert`.
+#[derive(Args)]
+#[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
+pub(super) struct ConvertArgs {
+    /// The take to convert; it is never written
+    #[arg(value_name = "IN")]
+    input: PathBuf,
+    /// The file to write; its extension names the format, and .zst behind that compresses it
+    #[arg(short, long, value_name = "OUT")]
+    output: PathBuf,
+    /// The format to write, where the extension does not say it
+    #[arg(long, value_name = "FORMAT", value_parser = format)]
+    to: Option<&'static dyn Format>,
+    /// Unit of length to write [default: the input's]
+    #[arg(long, value_enum)]
+    units: Option<UnitArg>,
+    /// The axis that is to point up, such as z, y or -y: the take is turned as a whole
+    #[arg(long, value_name = "AXIS", value_parser = direction, allow_hyphen_values = true)]
+    up: Option<Direction>,
+    /// Unit of length of the input, if the file does not say it or says it wrong
+    #[arg(long, value_enum, value_name = "UNITS")]
+    from_units: Option<UnitArg>,
+    /// The axis that points up in the input, if the file does not say it or says it wrong
+    #[arg(long, value_name = "AXIS", value_parser = direction, allow_hyphen_values = true)]
+    from_up: Option<Direction>,
+    /// Frame rate of the input, if the file does not say it or says it wrong; no frames are added or left out
+    #[arg(long, value_name = "HZ", value_parser = rate, allow_negative_numbers = true)]
+    rate: Option<f64>,
+    #[command(flatten)]
+    missing: MissingArgs,
+    /// Take a C3D of integers for one of floating-point numbers
+    #[arg(long)]
+    float: bool,
+    /// Replace a file that exists
+    #[arg(long)]
+    force: bool,
+    /// Report as JSON lines on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Print nothing unless it failed
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+impl ConvertArgs {
+    pub fn conversion(&self) -> Conversion {
+        let stated = Stated { rate_hz: self.rate, unit: self.from_units.map(Unit::from), ..Stated::default() };
+        Conversion {
+            input: self.input.clone(),
+            output: self.output.clone(),
+            reading: Reading { stated, missing: self.missing.missing.clone(), float: self.float },
+            from_up: self.from_up,
+            to: self.to,
+            unit: self.units.map(Unit::from),
+            up: self.up,
+            force: self.force,
+        }
+    }
+}
+
+impl std::fmt::Debug for ConvertArgs {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("ConvertArgs").field("input", &self.input).field("output", &self.output).finish_non_exhaustive()
+    }
+}
+
+fn direction(text: &str) -> Result<Direction, String> {
+    Direction::parse(text).ok_or_else(|| "expected x, y or z, with - before it for the opposite direction".to_owned())
+}
+
+fn format(text: &str) -> Result<&'static dyn Format, String> {
+    let found = formats::ALL.iter().find(|f| f.info().name.eq_ignore_ascii_case(text));
+    found.copied().ok_or_else(|| format!("expected one of: {}", formats::ALL.iter().map(|f| f.info().name).collect::<Vec<_>>().join(", ")))
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum StartArg {
+pub(super) enum StartArg {
     Model,
     Interpolate,
     Zero,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum InitArg {
+pub(super) enum InitArg {
     Pca,
     Random,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum NoiseArg {
+pub(super) enum NoiseArg {
     Isotropic,
     Diagonal,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum StepArg {
+pub(super) enum StepArg {
     GaussNewton,
     Gradient,
 }
 
 /// What `--bones` can be given.
 #[derive(Clone, Debug, PartialEq, Eq)]
-enum BonesArg {
+pub(super) enum BonesArg {
     Stiffness(Stiffness),
     File(PathBuf),
 }
@@ -152,101 +179,104 @@ impl From<OsString> for BonesArg {
 
 #[derive(Debug, Args)]
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
-struct RepairArgs {
+pub(super) struct RepairArgs {
     /// The take to repair; it is never written
     #[arg(value_name = "IN", required = true, num_args = 1..)]
-    inputs: Vec<PathBuf>,
+    pub inputs: Vec<PathBuf>,
     /// The repaired take; its extension may name another format
     #[arg(short, long, value_name = "OUT", required_unless_present_any = ["in_place", "dry_run"])]
-    output: Option<PathBuf>,
+    pub output: Option<PathBuf>,
     /// How to fill
     #[arg(long, value_name = "METHOD", default_value = Method::default().name(), value_parser = method)]
-    method: Method,
+    pub method: Method,
     /// Dimension of the hidden state; rank of msvd
     #[arg(long, value_name = "H", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=256))]
-    hidden: u32,
+    pub hidden: u32,
     /// As many hidden dimensions as hold this share of the motion's energy, for instance 0.95
     #[arg(long, value_name = "SHARE", conflicts_with = "hidden", value_parser = share)]
-    energy: Option<f64>,
+    pub energy: Option<f64>,
     /// Weight of all bones as in the paper, 1/m^4 [default: each bone by its own spread]
     #[arg(long, value_name = "L", value_parser = positive)]
-    lambda: Option<f64>,
+    pub lambda: Option<f64>,
     /// The most EM iterations
     #[arg(long, value_name = "N", default_value_t = Limits::default().steps, value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    iterations: u32,
+    pub iterations: u32,
     /// Stop when the log-likelihood changes by less than this share of itself
     #[arg(long, value_name = "E", default_value_t = Limits::default().tolerance, value_parser = positive)]
-    tolerance: f64,
+    pub tolerance: f64,
     /// The paper's E-step, which takes the present fill for measured
     #[arg(long)]
-    impute: bool,
+    pub impute: bool,
     /// Where EM begins to fill: where its first model expects the markers, on straight lines, or at each marker's mean
     /// [default: model, or interpolate with --init random]
     #[arg(long, value_enum)]
-    start: Option<StartArg>,
+    pub start: Option<StartArg>,
     /// The first parameters of EM: from principal components, or drawn at random
     #[arg(long, value_enum, default_value_t = InitArg::Pca)]
-    init: InitArg,
+    pub init: InitArg,
     /// Noise of the model: one variance for everything, or one for each marker and a full matrix for the states
     #[arg(long, value_enum, default_value_t = NoiseArg::Diagonal)]
-    noise: NoiseArg,
+    pub noise: NoiseArg,
     /// How soft bones are met: Gauss-Newton steps, or the paper's gradient descent, which takes each frame alone
     #[arg(long, value_enum, default_value_t = StepArg::GaussNewton)]
-    step: StepArg,
+    pub step: StepArg,
     /// Let bones act as the paper prints it: each frame alone, on the fill only, nothing joined at the edges of gaps
     #[arg(long)]
-    as_printed: bool,
+    pub as_printed: bool,
     /// Seed for methods that draw random numbers
     #[arg(long, value_name = "S", default_value_t = 1)]
-    seed: u64,
+    pub seed: u64,
     /// Leave gaps longer than this open, whole
     #[arg(long, value_name = "FRAMES")]
-    max_gap: Option<usize>,
+    pub max_gap: Option<usize>,
     /// Fill gaps that reach the take's first or last frame, too
     #[arg(long)]
-    extrapolate: bool,
+    pub extrapolate: bool,
     /// Fill these markers only (labels with or without prefix; * and ? allowed); all others still help
     #[arg(long, value_name = "PATTERN", value_delimiter = ',')]
-    markers: Vec<String>,
+    pub markers: Vec<String>,
     /// Leave gaps open, whole, of which a sample is predicted to be off by more than this
     #[arg(long, value_name = "MM", value_parser = positive)]
-    max_sigma: Option<f64>,
+    pub max_sigma: Option<f64>,
     /// Bones to keep (CSV: marker,marker[,length in mm]) instead of those found, or how auto keeps them: soft, by the spread that each
     /// shows, or hard, exactly; may be said twice
     #[arg(long, value_name = "FILE|soft|hard")]
-    bones: Vec<BonesArg>,
+    pub bones: Vec<BonesArg>,
     /// Say for each gap which neighbours and experts filled it, and how far it may be off
     #[arg(long)]
-    explain: bool,
+    pub explain: bool,
     #[command(flatten)]
-    stated: StatedArgs,
+    pub stated: StatedArgs,
+    /// Make a C3D of integers one of floating-point numbers, so that every filled value fits
+    #[arg(long)]
+    float: bool,
     /// Write one row per filled sample
     #[arg(long, value_name = "FILE.csv")]
-    fills: Option<PathBuf>,
+    pub fills: Option<PathBuf>,
     /// Write the log here [default: the output's name with .mcap]
     #[arg(long, value_name = "FILE.mcap", conflicts_with = "no_log")]
-    log: Option<PathBuf>,
+    pub log: Option<PathBuf>,
     /// Write no log
     #[arg(long)]
-    no_log: bool,
+    pub no_log: bool,
     /// Write computing times into the log (then it differs from run to run)
     #[arg(long)]
-    timings: bool,
+    pub timings: bool,
     /// Replace files that exist
     #[arg(long)]
-    force: bool,
+    pub force: bool,
     /// Put the repaired take under the input's name and keep the input as IN.orig
     #[arg(long, conflicts_with = "output")]
-    in_place: bool,
+    pub in_place: bool,
     /// Read, decide and report; solve and write nothing
     #[arg(long)]
-    dry_run: bool,
+    pub dry_run: bool,
     /// Report as JSON lines on standard output
     #[arg(long)]
-    json: bool,
+    pub json: bool,
     /// Print nothing unless it failed
     #[arg(short, long)]
-    quiet: bool,
+    pub quiet: bool,
 }
 
 fn positive(text: &str) -> Result<f64, String> {
@@ -257,7 +287,7 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 /// Frame rates from one frame in a quarter of an hour to a million a second: anything else is a slip of the finger.
-fn rate(text: &str) -> Result<f64, String> {
+pub(super) fn rate(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if (1e-3..=1e6).contains(&x) => Ok(x),
         _ => Err("expected a number of frames per second, from 0.001 to 1000000".to_owned()),
@@ -277,7 +307,7 @@ fn share(text: &str) -> Result<f64, String> {
 }
 
 impl RepairArgs {
-    fn settings(&self) -> Settings {
+    pub fn settings(&self) -> Settings {
         let random = self.init == InitArg::Random;
         let start = match self.start {
             Some(StartArg::Interpolate) => Start::Interpolate,
@@ -312,7 +342,7 @@ impl RepairArgs {
         }
     }
 
-    fn request(&self) -> Request {
+    pub fn request(&self) -> Request {
         let mut input = self.inputs.first().cloned().unwrap_or_default();
         if self.in_place {
             // behind a link it is the file that is replaced, not the link
@@ -321,7 +351,11 @@ impl RepairArgs {
             }
         }
         let output = self.output.clone().unwrap_or_else(|| input.clone());
-        let log = if self.no_log || self.dry_run { None } else { Some(self.log.clone().unwrap_or_else(|| output.with_extension("mcap"))) };
+        let log = if self.no_log || self.dry_run {
+            None
+        } else {
+            Some(self.log.clone().unwrap_or_else(|| compression::inner_name(&output).with_extension("mcap")))
+        };
         Request {
             in_place: self.in_place,
             log,
@@ -337,134 +371,9 @@ impl RepairArgs {
             seed: self.seed,
             policy: Policy { max_gap: self.max_gap, extrapolate: self.extrapolate, max_sigma_mm: self.max_sigma },
             markers: self.markers.clone(),
-            stated: self.stated.stated(),
+            reading: Reading { float: self.float, ..self.stated.reading() },
             input,
             output,
         }
     }
-}
-
-/// Parses the command line, does what it says and returns the exit code.
-pub fn main(interrupt: &AtomicBool) -> u8 {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
-        Err(error) => {
-            let code = if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) { 0 } else { 2 };
-            // a closed pipe is no reason to fail while failing
-            let _ = error.print();
-            return code;
-        }
-    };
-    match cli.command {
-        Some(Command::Inspect { inputs, stated, json }) => inspect(&inputs, &stated.stated(), json),
-        Some(Command::Bones { input, stated }) => print_bones(&input, &stated.stated()),
-        Some(Command::Demo { output, frames, rate, seed, force }) => {
-            demo(&output, &DemoOptions { frames: frames as usize, rate_hz: rate, seed, ..DemoOptions::default() }, force)
-        }
-        None => run_repair(&cli.repair, interrupt),
-    }
-}
-
-fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
-    if args.inputs.len() > 1 {
-        let text = format!("{} takes were named; repair one at a time, each with its own -o", args.inputs.len());
-        let _ = Cli::command().error(ErrorKind::TooManyValues, text).print();
-        return 2;
-    }
-    if args.method != Method::Auto && args.bones.contains(&BonesArg::Stiffness(Stiffness::Hard)) {
-        let text =
-            format!("--bones hard is for --method auto, not {}; exact bones are also what --method bolero-hc has", args.method.name());
-        let _ = Cli::command().error(ErrorKind::ArgumentConflict, text).print();
-        return 2;
-    }
-    let request = args.request();
-    let mut terminal = (std::io::stderr().is_terminal() && !args.quiet && !args.json).then(|| Terminal::new(&request.input));
-    let result = repair(&request, &mut terminal, interrupt);
-    drop(terminal);
-    match result {
-        Ok(report) => {
-            if args.json {
-                print(&report.json());
-            } else if !args.quiet {
-                print(&report.text());
-                if args.explain {
-                    print(&format!("\n{}", report.explanation_text()));
-                }
-            }
-            report.exit_code()
-        }
-        Err(error) => {
-            fail(&error, args.json);
-            1
-        }
-    }
-}
-
-fn inspect(inputs: &[PathBuf], stated: &Stated, json: bool) -> u8 {
-    let mut code = 0;
-    for (at, path) in inputs.iter().enumerate() {
-        match open(path, stated) {
-            Ok(opened) => {
-                let inspection = Inspection::new(path, &opened);
-                if json {
-                    print(&inspection.json());
-                } else {
-                    print(&format!("{}{}", if at > 0 { "\n" } else { "" }, inspection.text()));
-                }
-            }
-            Err(error) => {
-                fail(&error, json);
-                code = 1;
-            }
-        }
-    }
-    code
-}
-
-fn print_bones(path: &Path, stated: &Stated) -> u8 {
-    match open(path, stated) {
-        Ok(opened) => {
-            let take = opened.document.take();
-            print(&bones::write(&bones::find(take, &neighbours(take)), take));
-            0
-        }
-        Err(error) => {
-            fail(&error, false);
-            1
-        }
-    }
-}
-
-fn demo(folder: &Path, options: &DemoOptions, force: bool) -> u8 {
-    match write_demo(folder, options, force) {
-        Ok(files) => {
-            for file in files {
-                print(&format!("{}\n", file.display()));
-            }
-            0
-        }
-        Err(error) => {
-            fail(&error, false);
-            1
-        }
-    }
-}
-
-/// One line on standard error, or one JSON line on standard output.
-fn fail(error: &RepairError, json: bool) {
-    #[derive(Serialize)]
-    #[serde(tag = "message_type", rename = "error")]
-    struct Message {
-        text: String,
-    }
-    if json {
-        print(&lines(&[Message { text: error.to_string() }]));
-    } else {
-        eprintln!("mocap-repair: {error}");
-    }
-}
-
-/// Prints to standard output; a reader that has gone away is not our failure.
-fn print(text: &str) {
-    let _ = std::io::stdout().lock().write_all(text.as_bytes());
 }

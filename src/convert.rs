@@ -1,0 +1,178 @@
+//! From one format to another, in other units and axes if asked for; each thing that is lost is a note.
+
+use crate::compression;
+use crate::input::{Opened, Reading, open};
+use crate::output::{self, Names, Way};
+use crate::repair::RepairError;
+use crate::report::{count, lines, short};
+use crate::staging;
+use formats::{Direction, Format, Note, Role, Take, Unit};
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::PathBuf;
+
+/// What is wanted.
+#[derive(Clone)]
+pub struct Conversion {
+    /// The take to read. Never written.
+    pub input: PathBuf,
+    /// The file to write.
+    pub output: PathBuf,
+    /// What the user states about the input.
+    pub reading: Reading,
+    /// The axis that points up in the input, if the user states it.
+    pub from_up: Option<Direction>,
+    /// The format to write; by the output's extension if `None`.
+    pub to: Option<&'static dyn Format>,
+    /// The unit to write in; the input's if `None`.
+    pub unit: Option<Unit>,
+    /// The axis that is to point up; the input's if `None`.
+    pub up: Option<Direction>,
+    /// Replace a file that exists.
+    pub force: bool,
+}
+
+/// What was done.
+#[derive(Clone, Debug)]
+pub struct Converted {
+    input: PathBuf,
+    output: PathBuf,
+    from: &'static str,
+    to: &'static str,
+    /// The input's bytes were copied: nothing was to be converted.
+    copied: bool,
+    markers: usize,
+    frames: usize,
+    rate_hz: f64,
+    unit: Unit,
+    up: Option<Direction>,
+    notes: Vec<Note>,
+}
+
+/// Converts one take.
+///
+/// # Errors
+/// The take cannot be read or written so, or the way up is not known. Then no file was written.
+pub fn convert(wanted: &Conversion) -> Result<Converted, RepairError> {
+    Names { input: &wanted.input, output: &wanted.output, beside: Vec::new(), in_place: false, force: wanted.force }.check()?;
+    let opened = open(&wanted.input, &wanted.reading)?;
+    let take = changed(wanted, &opened)?;
+    let was = opened.document.take();
+    let same = (take.unit, take.up) == (was.unit, was.up) && wanted.up.is_none() && wanted.reading.missing.is_empty();
+    let way = match (wanted.to, output::way(&wanted.output, opened.format)) {
+        (Some(to), _) if to.info().name != opened.format.info().name => Way::New(to),
+        (None, Way::New(to)) => Way::New(to),
+        _ if same => Way::Patched,
+        _ => Way::New(opened.format),
+    };
+    let file = output::write(way, &opened, &take, &wanted.reading.stated, &wanted.output)?;
+    staging::publish(file, &wanted.output).map_err(|e| output::unwritable(&wanted.output, &e))?;
+    let (to, copied) = match way {
+        Way::Patched => (opened.format, true),
+        Way::New(to) => (to, false),
+    };
+    Ok(Converted {
+        input: wanted.input.clone(),
+        output: wanted.output.clone(),
+        from: opened.format.info().name,
+        to: to.info().name,
+        copied: copied && !wanted.reading.float && compression::is_named(&wanted.input) == compression::is_named(&wanted.output),
+        markers: take.markers.iter().filter(|m| m.role == Role::Marker).count(),
+        frames: take.frames(),
+        rate_hz: take.rate_hz,
+        unit: take.unit,
+        up: take.up,
+        notes: opened.notes.take(),
+    })
+}
+
+/// The take as it is to be written.
+fn changed(wanted: &Conversion, opened: &Opened) -> Result<Take, RepairError> {
+    let mut take = opened.document.take().clone();
+    if let Some(from) = wanted.from_up {
+        take.up = Some(from);
+    }
+    if let Some(to) = wanted.up {
+        let from = take.up.ok_or_else(|| RepairError::NoUp { path: wanted.input.clone() })?;
+        let outputs = take.markers.iter().filter(|m| m.role == Role::ModelOutput).count();
+        if outputs > 0 && from != to {
+            let columns = count(outputs, "column");
+            opened.notes.add(Note::Assumed { text: format!("{columns} of model outputs were not turned with the markers") });
+        }
+        take = take.turned(from, to);
+    }
+    if let Some(unit) = wanted.unit {
+        take.unit = unit;
+    }
+    Ok(take)
+}
+
+impl Converted {
+    /// 0 if nothing was lost or assumed, else 3.
+    pub fn exit_code(&self) -> u8 {
+        if self.notes.iter().any(Note::matters) { 3 } else { 0 }
+    }
+
+    /// As JSON lines: notes, then what was done.
+    pub fn json(&self) -> String {
+        #[derive(Serialize)]
+        #[serde(tag = "message_type", rename_all = "snake_case")]
+        enum Message<'a> {
+            Note {
+                kind: &'a str,
+                text: String,
+                matters: bool,
+            },
+            Converted {
+                input: String,
+                output: String,
+                from: &'a str,
+                to: &'a str,
+                copied: bool,
+                markers: usize,
+                frames: usize,
+                rate_hz: f64,
+                unit: &'a str,
+                up: Option<String>,
+                exit_code: u8,
+            },
+        }
+        let mut messages: Vec<Message> =
+            self.notes.iter().map(|n| Message::Note { kind: n.kind(), text: n.to_string(), matters: n.matters() }).collect();
+        messages.push(Message::Converted {
+            input: self.input.display().to_string(),
+            output: self.output.display().to_string(),
+            from: self.from,
+            to: self.to,
+            copied: self.copied,
+            markers: self.markers,
+            frames: self.frames,
+            rate_hz: self.rate_hz,
+            unit: self.unit.symbol(),
+            up: self.up.map(|up| up.to_string()),
+            exit_code: self.exit_code(),
+        });
+        lines(&messages)
+    }
+
+    /// For people.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        // writing to a String cannot fail, hence the ignored results
+        let _ = writeln!(out, "{} -> {}", self.input.display(), self.output.display());
+        let how = if self.copied { format!("{}, copied byte for byte", self.from) } else { format!("{} to {}", self.from, self.to) };
+        let up = self.up.map(|up| format!(", {up} up")).unwrap_or_default();
+        let _ = writeln!(
+            out,
+            "  {how}: {}, {} at {} Hz, in {}{up}",
+            count(self.markers, "marker"),
+            count(self.frames, "frame"),
+            short(self.rate_hz),
+            self.unit.symbol()
+        );
+        for note in &self.notes {
+            let _ = writeln!(out, "  {:<10} {note}", if note.matters() { "look at" } else { "note" });
+        }
+        out
+    }
+}

@@ -1,0 +1,146 @@
+//! Where a take is written: names that may be used, the format, the bytes, and the proof that they are right.
+
+use crate::compression;
+use crate::input::{Opened, expand, plain};
+use crate::repair::RepairError;
+use crate::staging;
+use crate::verify::verify;
+use formats::{Format, FormatError, Samples, Stated, Take};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use tempfile::NamedTempFile;
+
+/// How the output is made from the input.
+#[derive(Clone, Copy)]
+pub enum Way {
+    /// The bytes of the input, with the filled samples in them.
+    Patched,
+    /// A new file from the take alone.
+    New(&'static dyn Format),
+}
+
+/// The way to write `output`, whose extension decides if it names a format that the input is not of.
+pub fn way(output: &Path, input: &'static dyn Format) -> Way {
+    let inner = compression::inner_name(output);
+    let extension = inner.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    if input.info().extensions.contains(&extension.as_str()) {
+        return Way::Patched;
+    }
+    formats::by_extension(&extension).map_or(Way::Patched, Way::New)
+}
+
+/// Writes `take` into a hidden file beside `output`, opens that again and holds it against the take.
+/// Only the name is missing then. With [`Way::Patched`] `take` is the opened take with some samples filled.
+///
+/// # Errors
+/// The take cannot be written so, or the written file is not what it should be.
+pub fn write(way: Way, opened: &Opened, take: &Take, stated: &Stated, output: &Path) -> Result<NamedTempFile, RepairError> {
+    let mut file = staging::beside(output).map_err(|e| unwritable(output, &e))?;
+    let format = match way {
+        Way::Patched => opened.format,
+        Way::New(format) => format,
+    };
+    let io_error = |e: io::Error| FormatError::io(format.info().name, e);
+    let written = {
+        let mut out = io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
+        let result = compression::through(&mut out, compression::is_named(output), io_error, |out| match way {
+            Way::Patched => opened.document.save(take, out, &opened.notes),
+            Way::New(format) => {
+                for what in opened.document.beyond_take() {
+                    opened.notes.not_expressible(format.info(), what);
+                }
+                format.create(take, out, &opened.notes)
+            }
+        });
+        result.and_then(|()| out.flush().map_err(io_error))
+    };
+    written.map_err(|error| RepairError::Format { path: output.to_owned(), error })?;
+    file.as_file().sync_all().map_err(|e| unwritable(output, &e))?;
+    let back = std::fs::read(file.path()).map_err(|e| unwritable(output, &e))?;
+    let back = expand(back, output)?;
+    let patched = matches!(way, Way::Patched);
+    let stated = if patched { Stated { missing: Samples::new(), ..stated.clone() } } else { Stated::default() };
+    verify(back, format, &stated, take, patched).map_err(|error| RepairError::Verify { path: output.to_owned(), error })?;
+    Ok(file)
+}
+
+/// The name under which `--in-place` keeps the input.
+pub fn original_name(input: &Path) -> PathBuf {
+    let mut name = input.as_os_str().to_owned();
+    name.push(".orig");
+    name.into()
+}
+
+/// The files that are to be written, before any of them is.
+pub struct Names<'a> {
+    /// The take that is read.
+    pub input: &'a Path,
+    /// The take that is written.
+    pub output: &'a Path,
+    /// Log, table, and whatever else.
+    pub beside: Vec<&'a Path>,
+    /// The output is the input's own name.
+    pub in_place: bool,
+    /// Files that exist may be replaced.
+    pub force: bool,
+}
+
+impl Names<'_> {
+    /// Nothing that exists is overwritten unasked, no two names mean one file, and every folder is there.
+    ///
+    /// # Errors
+    /// The first name that cannot be used, and why.
+    pub fn check(&self) -> Result<(), RepairError> {
+        let stop = |path: &Path, problem: &str| Err(RepairError::Io { path: path.to_owned(), problem: problem.to_owned() });
+        let inner = compression::inner_name(self.output);
+        if !self.in_place
+            && let Some(extension) = inner.extension().and_then(|e| e.to_str())
+            && formats::by_extension(extension).is_none()
+        {
+            let mut known: Vec<String> = formats::ALL.iter().flat_map(|f| f.info().extensions).map(|e| format!(".{e}")).collect();
+            known.dedup();
+            let known = known.join(", ");
+            return stop(self.output, &format!("the extension .{extension} names no format that can be written; use one of: {known}"));
+        }
+        if !self.in_place && staging::same_file(self.input, self.output) {
+            return stop(self.output, "is the input itself; give another name, or say --in-place");
+        }
+        let mut names: Vec<&Path> = Vec::new();
+        if !self.in_place {
+            names.push(self.output);
+        }
+        names.extend(&self.beside);
+        let kept = original_name(self.input);
+        if self.in_place {
+            if kept.exists() {
+                return stop(&kept, "exists already, so the original could not be kept; move it away first");
+            }
+            names.push(&kept);
+        }
+        for (at, name) in names.iter().enumerate() {
+            if staging::same_file(name, self.input) {
+                return stop(name, "is the input itself; give another name");
+            }
+            if names[..at].iter().any(|other| staging::same_file(other, name)) {
+                return stop(name, "is named for two different files; give different names");
+            }
+            if name.is_dir() {
+                return stop(name, "is a folder; name a file in it");
+            }
+            if name.exists() && !name.is_file() {
+                return stop(name, "is a device or a pipe, which a file cannot take the place of; give another name");
+            }
+            if name.exists() && !self.force {
+                return stop(name, "exists already; give another name, or say --force to replace it");
+            }
+            if !staging::folder(name).is_dir() {
+                return stop(name, "its folder does not exist; make it first");
+            }
+        }
+        Ok(())
+    }
+}
+
+pub(crate) fn unwritable(path: &Path, error: &io::Error) -> RepairError {
+    RepairError::Io { path: path.to_owned(), problem: format!("cannot be written: {}", plain(error)) }
+}
