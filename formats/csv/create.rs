@@ -43,6 +43,9 @@ fn writable(take: &Take, notes: &Notes) -> Result<Vec<usize>, FormatError> {
     if columns.is_empty() {
         return Err(FormatError::unsupported(NAME, Place::Whole, "the take has no markers, so there is nothing to write"));
     }
+    if take.frames() == 0 {
+        return Err(FormatError::unsupported(NAME, Place::Whole, "the take has no frames, so there is nothing to write"));
+    }
     let outputs = take.markers.len() - columns.len();
     if outputs > 0 {
         notes.not_expressible(&INFO, format!("{outputs} columns of model outputs"));

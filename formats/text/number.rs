@@ -6,6 +6,9 @@ use crate::Unit;
 /// Most decimals that are told apart.
 const MOST_DECIMALS: usize = 24;
 
+/// Larger numbers are no coordinates, and in other units they might be no numbers at all.
+const LARGEST: f64 = 1e100;
+
 /// What is wrong with a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Wrong {
@@ -36,7 +39,7 @@ impl Numbers {
     /// The number in a cell; `None` where the cell says that there is none: empty, `NaN`, `NA`, `null`.
     ///
     /// # Errors
-    /// The text is no finite number, or its decimal sign is not the usual one.
+    /// The text is no number up to 1e100, or its decimal sign is not the usual one.
     pub fn read(&mut self, cell: &Cell<'_>) -> Result<Option<f64>, Wrong> {
         let text = if cell.quoted { cell.text.trim_ascii() } else { cell.text };
         if is_missing(text) {
@@ -61,7 +64,7 @@ impl Numbers {
             Some((_, b',')) => parse(&text.iter().map(|&b| if b == b',' { b'.' } else { b }).collect::<Vec<u8>>()),
             _ => parse(text),
         };
-        let value = value.filter(|v| v.is_finite()).ok_or(Wrong::NotANumber)?;
+        let value = value.filter(|v| v.abs() <= LARGEST).ok_or(Wrong::NotANumber)?;
         // 1.25e-3 shows five decimals
         let mantissa_end = exponent.unwrap_or(text.len());
         let shown = sign.map_or(0, |(at, _)| mantissa_end.saturating_sub(at + 1));
@@ -210,6 +213,7 @@ mod tests {
             ("1.#QNAN", Ok(None)),
             ("inf", Err(Wrong::NotANumber)),
             ("1e999", Err(Wrong::NotANumber)),
+            ("-1e308", Err(Wrong::NotANumber)),
             ("1,2,3", Err(Wrong::NotANumber)),
             ("1.2.3", Err(Wrong::NotANumber)),
             ("1 2", Err(Wrong::NotANumber)),

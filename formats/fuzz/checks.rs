@@ -1,0 +1,106 @@
+//! What must hold for any bytes whatever: shared by the fuzz targets and by `tests/hostility`.
+//!
+//! A check returns what is wrong; panics, hangs and memory are for whoever calls it to notice.
+
+use formats::{Document, Format, Notes, Origin, Role, Stated, Take};
+
+/// Samples of a take per byte of its file, at most: a missing sample of a table costs two separators at least,
+/// and a row of a long table may stand for 256 samples.
+const SAMPLES_PER_BYTE: usize = 256;
+/// ... and this many always.
+const SAMPLES_ALWAYS: usize = 1_100_000;
+
+/// Larger takes are not filled and converted: nothing new comes up in them, and fuzzing is to be fast.
+const LARGEST_TAKE: usize = 20_000;
+
+/// Opens the bytes with every format, whether it wants them or not; what opens is saved unchanged.
+pub fn open_any(bytes: &[u8]) -> Result<(), String> {
+    // which one is found must not matter to whether it survives
+    let _ = formats::detect(bytes.get(..bytes.len().min(4096)).unwrap_or(bytes), None);
+    for format in formats::ALL {
+        let name = format.info().name;
+        let Ok(document) = format.open(bytes.to_vec(), &Stated::default(), &Notes::new()) else { continue };
+        let take = document.take();
+        let samples = take.frames().saturating_mul(take.markers.len());
+        if samples > SAMPLES_ALWAYS.max(bytes.len().saturating_mul(SAMPLES_PER_BYTE)) {
+            return Err(format!("{name}: {samples} samples from {} bytes", bytes.len()));
+        }
+        if saved(document.as_ref(), take)? != bytes {
+            return Err(format!("{name}: saving unchanged changes the file"));
+        }
+    }
+    Ok(())
+}
+
+fn saved(document: &dyn Document, take: &Take) -> Result<Vec<u8>, String> {
+    let mut out = Vec::new();
+    document.save(take, &mut out, &Notes::new()).map_err(|e| format!("what was opened cannot be saved: {e}"))?;
+    Ok(out)
+}
+
+/// Fills every gap of a file that opens, saves it, and opens it again: what was known is as it was, what was filled is there.
+/// Then writes the take in every format, and opens that.
+pub fn roundtrip(bytes: &[u8]) -> Result<(), String> {
+    let Ok(format) = formats::detect(bytes.get(..bytes.len().min(4096)).unwrap_or(bytes), None) else { return Ok(()) };
+    let name = format.info().name;
+    let Ok(document) = format.open(bytes.to_vec(), &Stated::default(), &Notes::new()) else { return Ok(()) };
+    let take = document.take();
+    if take.frames().saturating_mul(take.markers.len()) > LARGEST_TAKE {
+        return Ok(());
+    }
+    fills_and_saves(format, document.as_ref(), bytes).map_err(|e| format!("{name}: {e}"))?;
+    for to in formats::ALL {
+        let mut out = Vec::new();
+        if to.create(take, &mut out, &Notes::new()).is_err() {
+            continue;
+        }
+        let again = to.open(out, &Stated::default(), &Notes::new());
+        let again = again.map_err(|e| format!("{name} to {}: what was written does not open: {e}", to.info().name))?;
+        let (frames, back) = (take.frames(), again.take().frames());
+        // a take of nothing has no frames either
+        if frames != back && again.take().markers.iter().any(|m| m.role == Role::Marker) {
+            return Err(format!("{name} to {}: {frames} frames become {back}", to.info().name));
+        }
+    }
+    Ok(())
+}
+
+fn fills_and_saves(format: &'static dyn Format, document: &dyn Document, bytes: &[u8]) -> Result<(), String> {
+    let take = document.take();
+    let mut filled = take.clone();
+    let mut count = 0_usize;
+    for frame in 0..take.frames() {
+        for marker in 0..take.markers.len() {
+            // inside what every format can store, and different in every cell
+            let place = [count as f64 % 97.0 + 1.25, 2.5, -3.75].map(|x| x * take.unit.mm() / 10.0);
+            count += usize::from(filled.fill(frame, marker, place));
+        }
+    }
+    let mut out = Vec::new();
+    let Ok(()) = document.save(&filled, &mut out, &Notes::new()) else { return Ok(()) };
+    if count == 0 && out != bytes {
+        return Err("nothing was filled, and the file changes".to_owned());
+    }
+    let again = format.open(out, &Stated::default(), &Notes::new()).map_err(|e| format!("the repaired file does not open: {e}"))?;
+    let back = again.take();
+    if (back.frames(), back.markers.len()) != (take.frames(), take.markers.len()) {
+        return Err("the repaired file has another size".to_owned());
+    }
+    // Whether zeros are gaps, and which unit it is, was judged by the whole take, which is another one now.
+    if back.unit != take.unit {
+        return Ok(());
+    }
+    for frame in 0..take.frames() {
+        for marker in 0..take.markers.len() {
+            let (was, is) = (filled.position_mm(frame, marker), back.position_mm(frame, marker));
+            match (filled.origin(frame, marker), was, is) {
+                (Origin::Measured | Origin::Derived, Some(was), Some(is)) if was == is => {}
+                // zeros in doubt may be gaps in the light of what was filled
+                (Origin::Measured | Origin::Derived, Some(was), None) if was == [0.0; 3] => {}
+                (Origin::Missing, _, _) | (Origin::Repaired, Some(_), Some(_)) => {}
+                _ => return Err(format!("sample {frame}, {marker}: {was:?} comes back as {is:?}")),
+            }
+        }
+    }
+    Ok(())
+}
