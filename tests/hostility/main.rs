@@ -130,7 +130,7 @@ fn watch(program: Instant) {
 
 /// Writes 45 cuts inside the data and 300 files with four damaged bytes of one C3D, as the figures about other readers were measured.
 fn dump(folder: &Path) {
-    let seed = std::fs::read(root().join("fixtures/c3d/good/intel_float.c3d")).unwrap();
+    let seed = std::fs::read(root().join("fixtures/c3d/good/created.c3d")).unwrap();
     std::fs::create_dir_all(folder).unwrap();
     std::fs::write(folder.join("whole.c3d"), &seed).unwrap();
     let data = (usize::from(u16::from_le_bytes([seed[16], seed[17]])) - 1) * 512;
