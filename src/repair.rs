@@ -401,13 +401,13 @@ pub fn original_name(input: &Path) -> PathBuf {
     name.into()
 }
 
-/// The format to write, and whether it is that of the input. The extension decides, if it is one that we know.
+/// The format to write, and whether it is that of the input. The extension decides, if it is one that we know and not one of the input's format.
 fn output_format(output: &Path, input: &'static dyn Format) -> (&'static dyn Format, bool) {
-    let named = output.extension().and_then(|e| e.to_str()).and_then(formats::by_extension);
-    match named {
-        Some(format) if format.info().name != input.info().name => (format, false),
-        _ => (input, true),
+    let extension = output.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    if input.info().extensions.contains(&extension.as_str()) {
+        return (input, true);
     }
+    formats::by_extension(&extension).map_or((input, true), |format| (format, false))
 }
 
 /// Nothing that exists is overwritten unasked, and no two names mean one file.
@@ -417,7 +417,9 @@ fn check_names(request: &Request) -> Result<(), RepairError> {
         && let Some(extension) = request.output.extension().and_then(|e| e.to_str())
         && formats::by_extension(extension).is_none()
     {
-        let known = formats::ALL.iter().flat_map(|f| f.info().extensions).map(|e| format!(".{e}")).collect::<Vec<_>>().join(", ");
+        let mut known: Vec<String> = formats::ALL.iter().flat_map(|f| f.info().extensions).map(|e| format!(".{e}")).collect();
+        known.dedup(); // formats may share one
+        let known = known.join(", ");
         return stop(&request.output, &format!("the extension .{extension} names no format that can be written; use one of: {known}"));
     }
     if !request.in_place && staging::same_file(&request.input, &request.output) {

@@ -50,10 +50,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, FormatError> {
         0 => (&[], String::new()),
         1 if seen.counts_frames() => (&[Column::Frame], "a frame number and ".to_owned()),
         1 if seen.first.is_even() => (&[Column::Time], "a time and ".to_owned()),
-        2 if seen.counts_frames() && seen.second.is_zero() => (&[Column::Frame, Column::Other], "a frame number, a sub frame and ".to_owned()),
+        2 if seen.counts_frames() && seen.second.is_zero() => {
+            (&[Column::Frame, Column::Other], "a frame number, a sub frame and ".to_owned())
+        }
         2 if seen.counts_frames() && seen.second.is_even() => (&[Column::Frame, Column::Time], "a frame number, a time and ".to_owned()),
         _ => {
-            return refuse(&format!("its {columns} columns are not three for each marker, with or without a frame number and a time before them"));
+            return refuse(&format!(
+                "its {columns} columns are not three for each marker, with or without a frame number and a time before them"
+            ));
         }
     };
     let markers = columns / 3;
@@ -184,7 +188,10 @@ mod tests {
     fn what_cannot_be_told() {
         for (text, expected) in [
             ("1,2,3,4\n", "its 4 columns are not three for each marker, with or without a frame number and a time before them"),
-            ("1,5,2,3,4\n2,7,2,3,4\n3,1,2,3,4\n", "its 5 columns are not three for each marker, with or without a frame number and a time before them"),
+            (
+                "1,5,2,3,4\n2,7,2,3,4\n3,1,2,3,4\n",
+                "its 5 columns are not three for each marker, with or without a frame number and a time before them",
+            ),
             ("1,5,2\n2,7,2\n3,1,2\n", "its first column counts frames, but three for each marker do not remain"),
         ] {
             let expected = format!("text: the file has no header line, and {expected}; add one: NAME-x, NAME-y, NAME-z, ... (line 1)");

@@ -4,7 +4,6 @@ use super::NAME;
 use crate::text::scan::first_lines;
 use crate::{FormatError, Place};
 
-
 /// A table that we do not read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Foreign {

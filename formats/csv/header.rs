@@ -97,7 +97,8 @@ impl Header {
 
     /// True if the first line looks like a header of ours. The line may be cut off where `head` ends.
     pub fn likely(head: &[u8]) -> bool {
-        stacked::read(head).is_some() || SEPARATORS.iter().any(|&separator| matches!(Self::with_separator(head, separator, false), Ok(Some(_))))
+        stacked::read(head).is_some()
+            || SEPARATORS.iter().any(|&separator| matches!(Self::with_separator(head, separator, false), Ok(Some(_))))
     }
 
     fn with_separator(bytes: &[u8], separator: u8, whole: bool) -> Result<Option<Self>, FormatError> {

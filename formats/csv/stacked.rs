@@ -7,10 +7,10 @@
 //! ```
 
 use super::header::{Header, Name, SEPARATORS, Shape};
+use crate::Unit;
 use crate::text::scan::Scanner;
 use crate::text::titles::{self, row};
 use crate::text::{Column, Sheet};
-use crate::Unit;
 
 /// The header of such a table, if the first two lines that are not empty make one.
 /// `bytes` may be cut off, for a first impression.
@@ -43,13 +43,16 @@ fn with_separator(bytes: &[u8], separator: u8) -> Option<Header> {
             format!("{} {}", cell(&names), cell(&axes)).trim().to_owned()
         })
         .collect();
-    let mut time_unit_secs = None;
+    let (mut time_unit_secs, mut framed, mut timed) = (None, false, false);
     for (at, word) in words.iter().enumerate().filter(|(at, _)| titles.columns.get(*at) == Some(&Column::Other)).collect::<Vec<_>>() {
         match Name::parse(word) {
-            Name::Frame if !titles.columns.contains(&Column::Frame) => titles.set(at, Column::Frame),
-            Name::Time { unit_secs } if !titles.columns.contains(&Column::Time) => {
+            Name::Frame if !framed => {
+                titles.set(at, Column::Frame);
+                framed = true;
+            }
+            Name::Time { unit_secs } if !timed => {
                 titles.set(at, Column::Time);
-                time_unit_secs = unit_secs;
+                (timed, time_unit_secs) = (true, unit_secs);
             }
             _ => {}
         }
@@ -109,7 +112,15 @@ mod tests {
 
     #[test]
     fn other_tables() {
-        for text in ["A-x,A-y,A-z\n1,2,3\n", "x,y,z,x,y,z\nX,Y,Z,X,Y,Z\n", ",,\nX,Y,Z\n", "A,B,C\nX,Y,Z\n", "frame,marker,x,y,z\n1,X,3,4,5\n", "A\n", ""] {
+        for text in [
+            "A-x,A-y,A-z\n1,2,3\n",
+            "x,y,z,x,y,z\nX,Y,Z,X,Y,Z\n",
+            ",,\nX,Y,Z\n",
+            "A,B,C\nX,Y,Z\n",
+            "frame,marker,x,y,z\n1,X,3,4,5\n",
+            "A\n",
+            "",
+        ] {
             assert!(read(text.as_bytes()).is_none(), "{text}");
         }
     }

@@ -73,7 +73,8 @@ impl Head {
     /// Header lines are lacking, or there are no positions of markers.
     pub fn read(bytes: &[u8]) -> Result<Self, FormatError> {
         let whole = |text: &str| FormatError::malformed(NAME, Place::Whole, text);
-        let separator = separator(bytes).ok_or_else(|| whole("the file does not begin with Format Version; export it again, with its header"))?;
+        let separator =
+            separator(bytes).ok_or_else(|| whole("the file does not begin with Format Version; export it again, with its header"))?;
         let mut scanner = Scanner::new(bytes, separator);
         let settings = row(&mut scanner)?;
         let setting = |key: &str| {
@@ -83,8 +84,12 @@ impl Head {
         let number = |key: &str| setting(key).and_then(|v| v.replace(',', ".").parse::<f64>().ok()).filter(|v| v.is_finite() && *v > 0.0);
 
         let (lines, axes) = header_lines(&mut scanner)?;
-        let (Some(types), Some(names), Some(contents)) = (line(&lines, "Type", 0), line(&lines, "Name", 1), lines.get(2..).and_then(<[_]>::last)) else {
-            return Err(whole("fewer than three header lines stand above Frame, expected types, names, ... and Position; export it again, with its header"));
+        let (Some(types), Some(names), Some(contents)) =
+            (line(&lines, "Type", 0), line(&lines, "Name", 1), lines.get(2..).and_then(<[_]>::last))
+        else {
+            return Err(whole(
+                "fewer than three header lines stand above Frame, expected types, names, ... and Position; export it again, with its header",
+            ));
         };
         let cell = |cells: &[String], at: usize| cells.get(at).map_or(String::new(), |c| c.trim().to_owned());
         let holds = |at: usize, kinds: &[&str]| kinds.contains(&cell(types, at).as_str()) && cell(contents, at) == "Position";
@@ -104,8 +109,13 @@ impl Head {
         };
         let mut titles = titles::understand(&chosen(names), &chosen(&axes), &[]);
         if let Some(at) = (0..axes.len()).find(|&at| holds(at, kinds) && titles.columns.get(at) == Some(&Column::Other)) {
-            let text = format!("the positions of \"{}\" are not in the three columns X, Y, Z; export the take again", excerpt(&cell(names, at)));
-            return Err(FormatError::malformed(NAME, Place::Line { line: scanner.line().saturating_sub(1), column: Some(at as u64 + 1) }, text));
+            let text =
+                format!("the positions of \"{}\" are not in the three columns X, Y, Z; export the take again", excerpt(&cell(names, at)));
+            return Err(FormatError::malformed(
+                NAME,
+                Place::Line { line: scanner.line().saturating_sub(1), column: Some(at as u64 + 1) },
+                text,
+            ));
         }
         titles.set(0, Column::Frame);
         if axes.get(1).is_some_and(|a| a.to_ascii_lowercase().starts_with("time") && !a.eq_ignore_ascii_case("timecode")) {
@@ -123,7 +133,8 @@ impl Head {
                 line: scanner.line(),
             },
             markers: titles.markers,
-            length: setting("Length Units").map_or(Length::Unstated, |w| Unit::parse(w).map_or_else(|| Length::Unknown(excerpt(w)), Length::Known)),
+            length: setting("Length Units")
+                .map_or(Length::Unstated, |w| Unit::parse(w).map_or_else(|| Length::Unknown(excerpt(w)), Length::Known)),
             rate_hz: number("Export Frame Rate").or_else(|| number("Capture Frame Rate")),
             frames: setting("Total Exported Frames").and_then(|v| v.parse().ok()),
             expected_places,

@@ -49,7 +49,8 @@ fn open(bytes: Vec<u8>, stated: &Stated, notes: &Notes) -> Result<Box<dyn Docume
     let unit = match (&head.length, stated.unit) {
         (Length::Known(unit), _) => Some(*unit),
         (Length::Unknown(written), None) => {
-            let text = format!("Length Units are \"{written}\", expected Millimeters, Centimeters or Meters; export it again in one of these");
+            let text =
+                format!("Length Units are \"{written}\", expected Millimeters, Centimeters or Meters; export it again in one of these");
             return Err(FormatError::unsupported(NAME, Place::Line { line: 1, column: None }, text));
         }
         _ => None,

@@ -31,6 +31,7 @@ const ROWS: &str = "0,0.000000,0.1,0.2,0.3,0.9,1,2,3,0.001,0.5,1.5,2.5,0.5,1.5,2
 #[test]
 fn markers_are_read_and_assets_are_left_alone() {
     let text = format!("{SETTINGS}\n\n{HEADER}{ROWS}");
+    assert_eq!(crate::detect(text.as_bytes(), Some("CSV")).unwrap().info().name, NAME);
     let (document, notes) = opened(&text);
     let document = document.unwrap();
     let take = document.take();

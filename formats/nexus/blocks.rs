@@ -113,7 +113,10 @@ mod tests {
             ("\u{feff}Trajectories,,,\r\n100,,,\r\n,,A,,\r\n", &[("Trajectories", 100.0, 1)]),
             ("Title,,\nDate:,,\n,,\nTRAJECTORIES,,\n100,Hz,\n,A,,\n", &[("TRAJECTORIES", 100.0, 4)]),
             ("Trajectories;;;\n59,94;;;\n", &[("Trajectories", 59.94, 1)]),
-            ("\"Devices\"\n1000\nFrame,Sub Frame,Fx\n1,0,2\n\nTrajectories\n\"50\"\n", &[("Devices", 1000.0, 1), ("Trajectories", 50.0, 6)]),
+            (
+                "\"Devices\"\n1000\nFrame,Sub Frame,Fx\n1,0,2\n\nTrajectories\n\"50\"\n",
+                &[("Devices", 1000.0, 1), ("Trajectories", 50.0, 6)],
+            ),
             ("Events\n100\nSubject,Context\nWalter,Left\n", &[("Events", 100.0, 1)]),
             ("Trajectories\nFrame\n100\n", &[("Frame", 100.0, 2)]),
             (",A\n100\n", &[]),

@@ -41,11 +41,13 @@ impl Head {
     pub fn read(bytes: &[u8], block: &Block) -> Result<Self, FormatError> {
         let place = |line| Place::Line { line, column: None };
         let no_axes = || {
-            let text = "no line follows that begins with Frame and names the axes, expected Frame,Sub Frame,X,Y,Z,...; export the take again";
+            let text =
+                "no line follows that begins with Frame and names the axes, expected Frame,Sub Frame,X,Y,Z,...; export the take again";
             FormatError::malformed(NAME, place(block.line), text)
         };
         let below = bytes.get(block.start..).unwrap_or_default();
-        let axes_line = lines(below).take(DEEPEST).skip(2).map(|(_, _, text)| text).find(|text| begins_axes(&String::from_utf8_lossy(text)));
+        let axes_line =
+            lines(below).take(DEEPEST).skip(2).map(|(_, _, text)| text).find(|text| begins_axes(&String::from_utf8_lossy(text)));
         let separator = likely_separator(axes_line.ok_or_else(no_axes)?);
         let mut scanner = Scanner::resume(bytes, separator, block.start, block.line);
         if block.start == 0 && bytes.starts_with(b"\xef\xbb\xbf") {

@@ -22,7 +22,7 @@ use std::io::Write;
 
 const NAME: &str = "nexus";
 const INFO: FormatInfo =
-    FormatInfo { name: NAME, summary: "ASCII exports of Vicon Nexus and Vicon Workstation", extensions: &["csv", "txt"], holds_gaps: true };
+    FormatInfo { name: NAME, summary: "ASCII exports of Vicon Nexus and Vicon Workstation", extensions: &["csv"], holds_gaps: true };
 
 /// The format.
 #[derive(Clone, Copy, Debug)]

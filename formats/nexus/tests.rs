@@ -21,11 +21,13 @@ fn filled(document: &dyn Document, frame: usize, marker: usize, position: [f64; 
 
 const TRAJECTORIES: &str = "Trajectories\r\n120\r\n,,S:A,,,S:B\r\nFrame,Sub Frame,X,Y,Z,X,Y,Z\r\n,,mm,mm,mm,mm,mm,mm\r\n\
                             7,0,1.5,2.5,3.5,4.5,5.5,6.5\r\n8,0,,,,4.6,5.6,6.6\r\n9,0,1.7,2.7,3.7,4.7,5.7,6.7\r\n\r\n";
-const OUTPUTS: &str = "Model Outputs\r\n120\r\n,,S:LHipAngles,,\r\nFrame,Sub Frame,X,Y,Z\r\n,,deg,deg,deg\r\n7,0,1,2,3\r\n8,0,,,\r\n9,0,1,2,3\r\n\r\n";
+const OUTPUTS: &str =
+    "Model Outputs\r\n120\r\n,,S:LHipAngles,,\r\nFrame,Sub Frame,X,Y,Z\r\n,,deg,deg,deg\r\n7,0,1,2,3\r\n8,0,,,\r\n9,0,1,2,3\r\n\r\n";
 const DEVICES: &str = "Devices\r\n1200\r\n,,Plate - Force,,\r\nFrame,Sub Frame,Fx,Fy,Fz\r\n,,N,N,N\r\n7,0,1,2,3\r\n7,1,1,2,3\r\n\r\n";
 
 #[test]
 fn markers_are_found_wherever_their_block_is() {
+    assert_eq!(crate::detect(TRAJECTORIES.as_bytes(), Some("csv")).unwrap().info().name, NAME);
     for text in [
         TRAJECTORIES.to_owned(),
         format!("{TRAJECTORIES}{OUTPUTS}{DEVICES}"),
@@ -85,11 +87,11 @@ fn what_is_refused() {
     for (text, expected) in [
         (DEVICES.to_owned(), "nexus: the file holds no block of trajectories (its blocks: \"Devices\"); export it again with Trajectories"),
         (format!("{head}\n{head}"), "nexus: a second block of trajectories, the first is in line 1; split the file (line 8)"),
+        (format!("{head}\n2,0,1,2,3\n"), "nexus: this row is empty, but rows follow; nothing was skipped, delete or complete it (line 7)"),
         (
-            format!("{head}\n2,0,1,2,3\n"),
-            "nexus: this row is empty, but rows follow; nothing was skipped, delete or complete it (line 7)",
+            format!("{head}3,0,1,2\n"),
+            "nexus: this row has 4 columns, the header has 5; nothing was skipped, delete or complete this row (line 7)",
         ),
-        (format!("{head}3,0,1,2\n"), "nexus: this row has 4 columns, the header has 5; nothing was skipped, delete or complete this row (line 7)"),
         (
             "Trajectories\n100\n\n".to_owned(),
             "nexus: no line follows that begins with Frame and names the axes, expected Frame,Sub Frame,X,Y,Z,...; export the take again (line 1)",

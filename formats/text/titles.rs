@@ -88,7 +88,8 @@ pub(crate) fn axis_of(text: &str) -> Option<usize> {
 /// True for units of other things than lengths: angles, forces, velocities and the like.
 fn is_no_length(unit: &str) -> bool {
     let word = unit.to_ascii_lowercase();
-    word.contains(['/', '.', '*', '^', '°', 'º', '²']) || ["deg", "rad", "n", "nm", "nmm", "w", "v", "mv", "degrees", "volts"].contains(&word.as_str())
+    word.contains(['/', '.', '*', '^', '°', 'º', '²'])
+        || ["deg", "rad", "n", "nm", "nmm", "w", "v", "mv", "degrees", "volts"].contains(&word.as_str())
 }
 
 /// True for names of joint angles, forces and the like as Plug-in Gait writes them: not markers, although they come in threes.
