@@ -84,7 +84,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, FormatError> {
 
 /// What the first rows show.
 struct Beginning {
-    /// Columns, without one at the end that is always empty.
+    /// Columns, without one at the end that is always empty and stands alone.
     columns: usize,
     rows: usize,
     first: Lead,
@@ -94,9 +94,10 @@ struct Beginning {
 impl Beginning {
     fn read(mut scanner: Scanner<'_>) -> Result<Self, FormatError> {
         let mut seen = Self { columns: 0, rows: 0, first: Lead::default(), second: Lead::default() };
-        let mut last_is_empty = true;
+        // A column that is always empty ends rows that end with a separator; but a marker that is never seen has three of them.
+        let (mut last_is_empty, mut before_is_empty) = (true, true);
         while seen.rows < ROWS && !scanner.at_end() {
-            let (mut cells, mut blank) = (0usize, true);
+            let (mut cells, mut blank, mut before) = (0usize, true, true);
             let (mut first, mut second) = (None, None);
             loop {
                 let cell = scanner.cell()?;
@@ -109,9 +110,11 @@ impl Beginning {
                 if cell.ends_row {
                     if !blank {
                         last_is_empty &= cell.is_blank();
+                        before_is_empty &= before;
                     }
                     break;
                 }
+                before = cell.is_blank();
             }
             if blank {
                 break;
@@ -123,7 +126,7 @@ impl Beginning {
             seen.second.add(second);
             seen.rows += 1;
         }
-        seen.columns -= usize::from(last_is_empty && seen.columns % 3 != 0);
+        seen.columns -= usize::from(last_is_empty && !before_is_empty);
         Ok(seen)
     }
 
@@ -174,6 +177,9 @@ mod tests {
             ("1,2,3\n4,5,6\n", note("3 columns were taken as x, y, z of 1") + "1"),
             ("1.5,2,3,NaN,,\n", note("6 columns were taken as x, y, z of 2") + "2"),
             ("1,2,3,\n4,5,6,\n", note("3 columns were taken as x, y, z of 1") + "1"),
+            ("1,0,1,2,3,\n2,0,1,2,3,\n3,0,1,2,3,\n", note("5 columns were taken as a frame number, a sub frame and x, y, z of 1") + "1"),
+            ("7,0,1,2,3,,,\n8,0,1,2,3,,,\n", note("8 columns were taken as a frame number, a sub frame and x, y, z of 2") + "2"),
+            ("1.0,2,3,\n1.1,5,6,\n1.2,5,6,\n", note("3 columns were taken as x, y, z of 1") + "1"),
             ("1;1,5;2;3\n2;1,5;2;3\n", note("4 columns were taken as a frame number and x, y, z of 1") + "1"),
             ("0.00\t1\t2\t3\n0.01\t1\t2\t3\n0.02\t1\t2\t3\n", note("4 columns were taken as a time and x, y, z of 1") + "1"),
             ("7,0,1,2,3\n8,0,1,2,3\n", note("5 columns were taken as a frame number, a sub frame and x, y, z of 1") + "1"),

@@ -62,6 +62,7 @@ pub(crate) fn understand(names: &[String], axes: &[String], units: &[String]) ->
         titles.markers.push(Marker::new(name));
         at += 3;
     }
+    titles.units_differ |= titles.unit.is_some() && titles.unknown_unit.is_some();
     titles
 }
 
@@ -144,6 +145,8 @@ mod tests {
     fn units_and_tails() {
         let titles = understand(&cells("A,,,B,,,,"), &cells("X,Y,Z,X,Y,Z,,"), &cells("mm,mm,mm,m,m,m"));
         assert_eq!((titles.unit, titles.units_differ, titles.nameless_tail), (Some(Unit::Millimetre), true, 2));
+        let titles = understand(&cells("A,,,B,,"), &cells("X,Y,Z,X,Y,Z"), &cells("mm,mm,mm,ell,ell,ell"));
+        assert!(titles.units_differ);
         let titles = understand(&cells("A,,"), &cells("X,Y,Z"), &cells("furlong,furlong,furlong"));
         assert_eq!((titles.unit, titles.unknown_unit.as_deref(), titles.markers.len()), (None, Some("furlong"), 1));
     }
