@@ -15,6 +15,8 @@ pub mod csv;
 mod cursor;
 mod error;
 mod grid;
+pub mod motive;
+pub mod nexus;
 mod note;
 mod samples;
 mod take;
@@ -30,7 +32,7 @@ pub use take::{Direction, Marker, Origin, Role, Take, TakeBuilder, Unit};
 use std::io::Write;
 
 /// Every format, in the order in which they are asked.
-pub static ALL: &[&dyn Format] = &[&c3d::C3d, &csv::Csv];
+pub static ALL: &[&dyn Format] = &[&c3d::C3d, &csv::Csv, &motive::Motive, &nexus::Nexus];
 
 /// The largest file that is read, in bytes.
 pub const LARGEST_FILE: u64 = 4 << 30;

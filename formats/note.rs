@@ -97,6 +97,11 @@ pub enum Note {
         /// Their names.
         names: Vec<String>,
     },
+    /// Blocks of the file that hold no markers; left as they are.
+    OtherBlocks {
+        /// Their names.
+        names: Vec<String>,
+    },
     /// The file numbers its frames in steps; its rows were counted as consecutive frames.
     FrameStep {
         /// The difference between the numbers of neighbouring frames.
@@ -139,6 +144,7 @@ impl Note {
             | Self::ModelOutputs { .. }
             | Self::PartialSamples { .. }
             | Self::OtherColumns { .. }
+            | Self::OtherBlocks { .. }
             | Self::FrameStep { .. }
             | Self::Rounded { .. }
             | Self::Floats => false,
@@ -164,6 +170,7 @@ impl Note {
             Self::ModelOutputs { .. } => "model-outputs",
             Self::PartialSamples { .. } => "partial-samples",
             Self::OtherColumns { .. } => "other-columns",
+            Self::OtherBlocks { .. } => "other-blocks",
             Self::FrameStep { .. } => "frame-step",
             Self::Rounded { .. } => "rounded",
             Self::Floats => "floats",
@@ -200,11 +207,8 @@ impl std::fmt::Display for Note {
             Self::PartialSamples { samples } => {
                 write!(f, "{samples} samples have only some of their coordinates; they count as missing, what is given stays as written")
             }
-            Self::OtherColumns { names } => {
-                let shown: Vec<&str> = names.iter().take(8).map(String::as_str).collect();
-                let more = if names.len() > shown.len() { format!(" and {} more", names.len() - shown.len()) } else { String::new() };
-                write!(f, "columns that are no markers were left as they are: {}{more}", shown.join(", "))
-            }
+            Self::OtherColumns { names } => write!(f, "columns that are no markers were left as they are: {}", some_of(names)),
+            Self::OtherBlocks { names } => write!(f, "blocks that hold no markers were left as they are: {}", some_of(names)),
             Self::FrameStep { step } => {
                 write!(f, "the frame numbers go up in steps of {step}; the rows were counted as consecutive frames")
             }
@@ -213,6 +217,13 @@ impl std::fmt::Display for Note {
             Self::NotExpressible { format, what } => write!(f, "{format} cannot hold {what}; left out"),
         }
     }
+}
+
+/// The first of many names.
+fn some_of(names: &[String]) -> String {
+    let shown: Vec<&str> = names.iter().take(8).map(String::as_str).collect();
+    let more = if names.len() > shown.len() { format!(" and {} more", names.len() - shown.len()) } else { String::new() };
+    shown.join(", ") + &more
 }
 
 /// Collects notes from places that hold it by shared reference.

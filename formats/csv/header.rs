@@ -1,6 +1,6 @@
 //! Finds out from the header line what each column holds.
 //!
-//! Two shapes are known:
+//! Two shapes with one header line are known here, others in `stacked` (two header lines) and `bare` (none):
 //!
 //! | shape | header | a row is |
 //! | --- | --- | --- |
@@ -11,14 +11,15 @@
 //! What is not understood is a column of its own right ([`Column::Other`]) and never touched.
 
 use super::NAME;
-use super::foreign;
-use crate::text::scan::{Scanner, decode, excerpt};
+use super::{bare, foreign, stacked};
+use crate::text::scan::{Scanner, decode, excerpt, likely_separator};
+use crate::text::titles::is_model_output;
 use crate::text::{Column, Sheet};
 use crate::{FormatError, Marker, Place, Role, Unit};
 use std::collections::BTreeMap;
 
 /// Separators, in the order in which they are tried.
-const SEPARATORS: [u8; 3] = [b',', b';', b'\t'];
+pub(super) const SEPARATORS: [u8; 3] = [b',', b';', b'\t'];
 
 /// The two shapes of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,6 +47,8 @@ pub(super) struct Header {
     pub others: Vec<String>,
     /// The order of the coordinates, if all markers have the same and it is not x, y, z.
     pub odd_order: Option<[usize; 3]>,
+    /// What was assumed about the columns, if there is no header.
+    pub assumed: Option<String>,
 }
 
 impl Header {
@@ -54,13 +57,19 @@ impl Header {
         self.sheet.columns.iter().filter(|c| **c != Column::Other).count()
     }
 
-    /// Understands the first line that is not empty.
+    /// Understands the first line that is not empty, or two of them, or none.
     ///
     /// # Errors
     /// The table is of a flavour that we do not read, or of none that we know.
     pub fn read(bytes: &[u8]) -> Result<Self, FormatError> {
         if let Some(found) = foreign::recognise(bytes) {
             return Err(found.refuse());
+        }
+        if bare::is_bare(bytes) {
+            return bare::read(bytes);
+        }
+        if let Some(header) = stacked::read(bytes) {
+            return Ok(header);
         }
         let mut best: Option<Self> = None;
         for separator in SEPARATORS {
@@ -71,7 +80,7 @@ impl Header {
             }
         }
         best.ok_or_else(|| {
-            let mut scanner = Scanner::new(bytes, foreign::likely_separator(bytes));
+            let mut scanner = Scanner::new(bytes, likely_separator(bytes));
             scanner.skip_blank_lines();
             let place = Place::Line { line: scanner.line(), column: None };
             let names = names(&mut scanner, true).unwrap_or_default();
@@ -88,7 +97,8 @@ impl Header {
 
     /// True if the first line looks like a header of ours. The line may be cut off where `head` ends.
     pub fn likely(head: &[u8]) -> bool {
-        SEPARATORS.iter().any(|&separator| matches!(Self::with_separator(head, separator, false), Ok(Some(_))))
+        stacked::read(head).is_some()
+            || SEPARATORS.iter().any(|&separator| matches!(Self::with_separator(head, separator, false), Ok(Some(_))))
     }
 
     fn with_separator(bytes: &[u8], separator: u8, whole: bool) -> Result<Option<Self>, FormatError> {
@@ -114,6 +124,7 @@ impl Header {
             units_differ: false,
             others: Vec::new(),
             odd_order: None,
+            assumed: None,
         };
         if let Some(header) = draft.clone().long(&names, &parsed) {
             return Ok(Some(header));
@@ -258,11 +269,15 @@ fn names(scanner: &mut Scanner<'_>, whole: bool) -> Result<Vec<String>, FormatEr
 
 /// A column's name, taken apart.
 #[derive(Debug, PartialEq)]
-enum Name<'a> {
+pub(super) enum Name<'a> {
+    /// A frame number.
     Frame,
+    /// A time.
     Time {
+        /// How many seconds one unit is, if the name states it.
         unit_secs: Option<f64>,
     },
+    /// A marker's label.
     Label,
     /// `base` `mark` `x|y|z` `(unit)`
     Coordinate {
@@ -277,7 +292,7 @@ enum Name<'a> {
 
 /// What a column's name says about its unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Length {
+pub(super) enum Length {
     /// Nothing.
     Unstated,
     /// A unit of length.
@@ -287,7 +302,8 @@ enum Length {
 }
 
 impl<'a> Name<'a> {
-    fn parse(name: &'a str) -> Self {
+    /// Takes a name apart.
+    pub fn parse(name: &'a str) -> Self {
         let (stem, bracketed) = split_bracket(name);
         let length = match bracketed {
             None => Length::Unstated,
@@ -368,12 +384,6 @@ fn split_axis(stem: &str) -> Option<(&str, Option<char>, usize)> {
 fn is_position_word(base: &str) -> bool {
     let words = ["", "pos", "position", "coord", "coordinate"];
     words.iter().any(|w| base.eq_ignore_ascii_case(w))
-}
-
-/// True for names of joint angles, forces and the like as Plug-in Gait writes them: not markers, although they come in threes.
-pub(super) fn is_model_output(label: &str) -> bool {
-    let label = label.to_ascii_lowercase();
-    ["angle", "force", "moment", "power"].iter().any(|kind| label.strip_suffix('s').unwrap_or(&label).ends_with(kind))
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use crate::text::clock::Clock;
 use crate::text::number::Numbers;
 use crate::text::scan::{Cell, Scanner, decode, excerpt};
 use crate::text::table::{Blank, Table, gcd};
+use crate::text::titles::is_model_output;
 use crate::text::wide::{Rows, Width, bad_number, blank, frame_number, next_row, no_rows, too_many_rows};
 use crate::text::{Column, Sheet};
 use crate::{FormatError, Marker, Place, Role, Samples};
@@ -110,7 +111,7 @@ pub(super) fn read(bytes: &[u8], sheet: &Sheet, stated: &Samples) -> Result<(Row
         };
         let marker = *known.entry(label.text).or_insert_with(|| {
             let text = decode(&label);
-            let role = if super::header::is_model_output(&text) { Role::ModelOutput } else { Role::Marker };
+            let role = if is_model_output(&text) { Role::ModelOutput } else { Role::Marker };
             table.markers.push(Marker { label: text, role });
             labels.push(written(&label));
             labels.len() as u32 - 1

@@ -2,17 +2,21 @@
 //!
 //! | file | holds |
 //! | --- | --- |
-//! | `header`, `foreign` | what the columns hold; tables of others, refused by name |
+//! | `header` | what the columns hold, from one header line |
+//! | `stacked`, `bare` | the same from two header lines, and from none |
+//! | `foreign` | tables of others, refused by name |
 //! | `long` | rows that are samples; those that are frames are read like in every other table |
 //! | `rows`, `create` | the way back |
 //!
-//! Exports of Motive, Nexus, Qualisys and OpenSim are tables too, but other ones; they are refused (`foreign`).
+//! Exports of programs are tables too, but other ones: some are formats of their own, some are refused (`foreign`).
 
+mod bare;
 mod create;
 mod foreign;
 mod header;
 mod long;
 mod rows;
+mod stacked;
 
 pub use create::create_long;
 
@@ -74,6 +78,9 @@ fn open(bytes: Vec<u8>, stated: &Stated, notes: &Notes) -> Result<Box<dyn Docume
     };
     if stated.unit.is_none() && header.unit.is_none() {
         refuse_rotations(&header, &rows.table.samples)?;
+    }
+    if let Some(text) = header.assumed {
+        notes.add(Note::Assumed { text });
     }
     let rows_to_add = layout.map(|layout| AddRows { layout, clock: rows.clock.clone(), frame_step: rows.frame_step });
     let said = Said { unit: header.unit, rate_hz: None };

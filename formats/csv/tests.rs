@@ -275,7 +275,9 @@ fn who_is_ours() {
         (&b"A-x,A-y,A-z\n1,2,3"[..], Match::Certain),
         (b"frame;marker;x;y;z\n", Match::Certain),
         (b"a,b,c\n", Match::Maybe),
-        (b"Trajectories\n100\n", Match::Maybe), // refused by name
+        (b"Trajectories\n100\n", Match::No), // a format of its own
+        (b"A,,\nX,Y,Z\n", Match::Certain),
+        (b"1,2,3\n4,5,6\n", Match::Maybe),
         (b"\xff\xfeA\0", Match::Maybe),
         (b"HIERARCHY\nROOT Hips\n", Match::Maybe),
         (b"hello world\n", Match::No),

@@ -8,17 +8,21 @@
 //! | `scan` | bytes → cells |
 //! | `number` | cells → numbers and back |
 //! | `wide` | rows that are frames → samples |
+//! | `titles` | header lines above each other → markers |
 //! | `clock` | times → rate |
 //! | `table` | zeros that are gaps, the unit of length |
 //! | `save` | the way back |
+//! | `fresh` | what writers of new files share |
 //!
 //! Errors made in here carry the name `text`; each format puts its own in its place ([`named`]).
 
 pub(crate) mod clock;
+pub(crate) mod fresh;
 pub(crate) mod number;
 pub(crate) mod save;
 pub(crate) mod scan;
 pub(crate) mod table;
+pub(crate) mod titles;
 pub(crate) mod wide;
 
 use crate::{FormatError, Note, Notes, Stated, Take, Unit};

@@ -12,6 +12,9 @@
 use super::NAME;
 use crate::{FormatError, Place};
 
+/// How many cells of each line are looked at for a first impression.
+const CELLS_OF_A_BEGINNING: usize = 64;
+
 /// One cell of a row.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Cell<'a> {
@@ -188,6 +191,33 @@ pub(crate) fn excerpt(text: &str) -> String {
         short.push('…');
     }
     short
+}
+
+/// The separator that the first line seems to have: tabs and semicolons are rare inside cells, commas may be decimal signs.
+pub(crate) fn likely_separator(bytes: &[u8]) -> u8 {
+    let line = bytes.split(|&b| b == b'\n' || b == b'\r').find(|l| !l.is_empty()).unwrap_or_default();
+    [b'\t', b';'].into_iter().find(|separator| line.contains(separator)).unwrap_or(b',')
+}
+
+/// The first cells of the first `most` lines that are not empty, under the separator that seems right for each.
+/// For a first look only: a quoted cell with a line end in it is two.
+pub(crate) fn first_lines(bytes: &[u8], most: usize) -> Vec<Vec<String>> {
+    let text = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    text.split(|&b| b == b'\n' || b == b'\r')
+        .filter(|line| !line.trim_ascii().is_empty())
+        .take(most)
+        .map(|line| {
+            let mut scanner = Scanner::new(line, likely_separator(line));
+            let mut cells = Vec::new();
+            while let Ok(cell) = scanner.cell() {
+                cells.push(decode(&cell));
+                if cell.ends_row || cells.len() >= CELLS_OF_A_BEGINNING {
+                    break;
+                }
+            }
+            cells
+        })
+        .collect()
 }
 
 #[cfg(test)]

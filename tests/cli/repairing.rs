@@ -68,6 +68,22 @@ fn a_repair_writes_take_and_log_and_tells() {
     assert!(f64::sqrt(sum / count) < 15.0, "filled samples are {} mm off", f64::sqrt(sum / count));
 }
 
+/// Several formats are called `.csv`: a repair keeps that of its input, whatever the name of the output says.
+#[test]
+fn an_export_stays_an_export() {
+    let lab = Lab::empty();
+    let head = "Trajectories\r\n100\r\n,,S:A,,,S:B,,\r\nFrame,Sub Frame,X,Y,Z,X,Y,Z\r\n,,mm,mm,mm,mm,mm,mm\r\n";
+    let row = |frame: usize, hidden: bool| {
+        let a = if hidden { ",,".to_owned() } else { format!("{frame}.125,2.500,3.500") };
+        format!("{frame},0,{a},{frame}.250,500.500,6.500\r\n")
+    };
+    let rows = |hidden: std::ops::Range<usize>| (1..60).map(|frame| row(frame, hidden.contains(&frame))).collect::<String>();
+    let devices = "\r\nDevices\r\n1000\r\n,,Plate\r\nFrame,Sub Frame,Fx\r\n,,N\r\n1,0,0.5\r\n";
+    lab.write("in.csv", format!("{head}{}{devices}", rows(20..24)));
+    lab.run(&["in.csv", "-o", "out.csv", "--method", "linear", "--no-log"]).with_code(0);
+    assert_eq!(String::from_utf8(lab.read("out.csv")).unwrap(), format!("{head}{}{devices}", rows(0..0)));
+}
+
 #[test]
 fn every_byte_that_is_no_filled_point_stays() {
     let lab = Lab::new();

@@ -92,6 +92,21 @@ proptest! {
         }
     }
 
+    /// Numbers have as many digits as it takes, so they come back exactly; both name rate and unit.
+    #[test]
+    fn exports_open_as_the_take_they_were_made_from(take in takes()) {
+        for format in [&formats::motive::Motive as &dyn Format, &formats::nexus::Nexus] {
+            let (back, notes) = through(format, &take);
+            same(&take, &back, f64::EPSILON)?;
+            prop_assert_eq!(back.rate_hz, take.rate_hz);
+            let silent = |what: &str| !notes.iter().any(|n| matches!(n, Note::NotExpressible { what: w, .. } if w.contains(what)));
+            let derived = (0..take.frames()).any(|f| (0..take.markers.len()).any(|m| take.origin(f, m) == Origin::Derived));
+            prop_assert_eq!((silent("points up"), silent("filled or filtered")), (take.up.is_none(), !derived));
+            let others = notes.iter().filter(|n| n.matters() && !matches!(n, Note::NotExpressible { .. })).count();
+            prop_assert_eq!(others, 0, "{:?}", notes);
+        }
+    }
+
     /// Numbers have as many digits as it takes, so they come back exactly.
     #[test]
     fn a_csv_opens_as_the_take_it_was_made_from(take in takes()) {
