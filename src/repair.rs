@@ -327,7 +327,8 @@ fn write_out(request: &Request, opened: &Opened, repaired: &Take, log: Option<Mc
     file.as_file().sync_all().map_err(|e| unwritable(output, &e))?;
     let stated = if same_format { Stated { missing: Samples::default(), ..request.stated.clone() } } else { Stated::default() };
     let back = std::fs::read(file.path()).map_err(|e| unwritable(output, &e))?;
-    verify(back, format, &stated, repaired, same_format).map_err(|error| RepairError::Verify { path: output.clone(), error })?;
+    let patched = same_format.then(|| opened.document.leeway(&opened.notes.take()));
+    verify(back, format, &stated, repaired, patched).map_err(|error| RepairError::Verify { path: output.clone(), error })?;
 
     // From here on everything is written; what remains are names.
     let mut placed = Placed::default();

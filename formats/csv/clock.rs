@@ -134,7 +134,7 @@ impl Clock {
 ///
 /// Times are in seconds, `rounding` is the step of their last decimal.
 /// 0.00000 and 4.16667 after 100 steps are 24 Hz, not 23.99998 Hz.
-pub(super) fn simplest_rate(first: f64, last: f64, frames: f64, rounding: f64) -> f64 {
+pub(crate) fn simplest_rate(first: f64, last: f64, frames: f64, rounding: f64) -> f64 {
     let span = last - first;
     let rate = frames / span;
     let slack = rate * (rounding + 2.0 * f64::EPSILON * last.abs().max(first.abs())) / span;

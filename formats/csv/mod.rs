@@ -26,6 +26,7 @@ mod scan;
 mod table;
 mod wide;
 
+pub(crate) use clock::simplest_rate;
 pub use create::create_long;
 
 use crate::{Document, Format, FormatError, FormatInfo, Match, Note, Notes, Place, Stated, Take};
