@@ -5,21 +5,22 @@
 //! where they are and how they are turned. Everything below them then stays by itself, so the problem stays small however large the skeleton is.
 //! Repaired joints that share such neighbours are solved together, others one after the other.
 //!
-//! | what | weight |
+//! | what | weight ([`WEIGHTS`]) |
 //! | --- | --- |
-//! | a joint that is not repaired stays where it is, mm | [`HELD`] |
-//! | one that is neither repaired nor the parent of such stays turned as it is, at a lever of a bone's length, mm | [`HELD`] |
+//! | a joint that is not repaired stays where it is, mm | held |
+//! | one that is neither repaired nor the parent of such stays turned as it is, at a lever of a bone's length, mm | held |
 //! | a repaired joint goes where it was filled, mm | 1 |
-//! | the others stay turned as they are; values stay as they are, mm | [`PRIOR`] |
+//! | the others stay turned as they are; values stay as they are, mm | prior |
 
 use super::hierarchy::{Channel, Skeleton};
 use super::kinematics::{Positions, Stand, apart, length, stand};
 use std::collections::BTreeMap;
 
-/// Weight of what is known, against that of what was filled: its square is how far the one gives way to the other.
-const HELD: f64 = 1e3;
-/// Weight of what nobody knows, such as the twist of a bone.
-const PRIOR: f64 = 1e-3;
+/// Weights of what is known and of what nobody knows, such as the twist of a bone, against that of what was filled.
+/// The square of the first is how far fills give way to what is known in the end; starting there would make a valley too narrow to walk along.
+/// The second first shows the search the way, and then leaves no trace.
+const WEIGHTS: [Weights; 3] = [Weights { held: 1.0, prior: 1e-2 }, Weights { held: 30.0, prior: 1e-3 }, Weights { held: 1e3, prior: 1e-5 }];
+
 /// More values than any neighbourhood of a body has. A larger one is left as it is; the time grows with the cube.
 const MOST_VALUES: usize = 240;
 /// Steps of the search.
@@ -30,6 +31,13 @@ const NUDGE_DEGREES: f64 = 6e-3;
 const NEAR_MM: f64 = 1.0;
 /// Share of an OFFSET by which a joint's position channels may differ from it without being a movement.
 const RIGID: f64 = 1e-3;
+
+/// How much residuals count.
+#[derive(Clone, Copy, Debug)]
+struct Weights {
+    held: f64,
+    prior: f64,
+}
 
 /// A skeleton, ready for [`Fitter::fit`].
 pub(super) struct Fitter<'a> {
@@ -115,7 +123,12 @@ impl<'a> Fitter<'a> {
     /// The joints that take part, and why.
     fn parts(&self, wanted: &BTreeMap<usize, [f64; 3]>, values: &[f64]) -> BTreeMap<usize, Part> {
         let mut parts: BTreeMap<usize, Part> = BTreeMap::new();
+        // an end site that is no marker may go with its joint
+        let matters = |at: usize| self.skeleton.nodes.get(at).is_some_and(|n| n.marker.is_some() || n.inner);
         let mut add = |at: usize, part: Part| {
+            if part == Part::Held && !matters(at) {
+                return;
+            }
             let entry = parts.entry(at).or_insert(part);
             *entry = (*entry).max(part);
         };
@@ -235,7 +248,7 @@ impl Group<'_> {
     }
 
     /// What is wrong with the values of the variables, in weighted mm. `row` is the whole row, and scratch.
-    fn residuals(&self, picked: &[f64], origin: &[f64], row: &mut [f64]) -> Vec<f64> {
+    fn residuals(&self, picked: &[f64], origin: &[f64], weights: Weights, row: &mut [f64]) -> Vec<f64> {
         for (variable, new) in self.variables.iter().zip(picked) {
             if let Some(value) = row.get_mut(variable.channel) {
                 *value = *new;
@@ -249,10 +262,10 @@ impl Group<'_> {
             let Some(node) = self.fitter.skeleton.nodes.get(at) else { continue };
             let parent = inside.and_then(|i| stands.get(i)).or(above.as_ref());
             let now = stand(node, parent, row, self.fitter.positions, true);
-            let (target, weight) = wanted.map_or((before.place, HELD), |w| (w, 1.0));
+            let (target, weight) = wanted.map_or((before.place, weights.held), |w| (w, 1.0));
             residuals.extend(apart(now.place, target).map(|x| x * unit_mm * weight));
             if node.turns() || node.inner {
-                let weight = if part == Part::Held { HELD } else { PRIOR };
+                let weight = if part == Part::Held { weights.held } else { weights.prior };
                 for (is, was) in now.axes.iter().zip(&before.axes) {
                     residuals.extend(apart(*is, *was).map(|x| x * lever_mm * weight));
                 }
@@ -261,17 +274,21 @@ impl Group<'_> {
         }
         residuals.extend(self.variables.iter().zip(picked.iter().zip(origin)).map(|(variable, (is, was))| {
             let mm = if variable.angle { (is - was).to_radians() * lever_mm } else { (is - was) * unit_mm };
-            mm * PRIOR
+            mm * weights.prior
         }));
         residuals
     }
 
     /// The best values from a start, and the sum of squares there, mm².
     fn solve(&self, values: &[f64], start: &[f64]) -> (Vec<f64>, f64) {
+        WEIGHTS.iter().fold((start.to_vec(), f64::INFINITY), |(x, _), weights| self.descend(values, x, *weights))
+    }
+
+    /// Goes down from a start.
+    fn descend(&self, values: &[f64], mut x: Vec<f64>, weights: Weights) -> (Vec<f64>, f64) {
         let origin = self.pick(values);
         let mut row = values.to_vec();
-        let mut x = start.to_vec();
-        let mut r = self.residuals(&x, &origin, &mut row);
+        let mut r = self.residuals(&x, &origin, weights, &mut row);
         let mut cost = dot(&r, &r);
         let mut damping = 1e-6;
         for _ in 0..MOST_STEPS {
@@ -281,7 +298,7 @@ impl Group<'_> {
             for (at, nudge) in nudges.iter().enumerate() {
                 let mut beside = |by: f64| {
                     let moved: Vec<f64> = x.iter().enumerate().map(|(i, v)| if i == at { v + by } else { *v }).collect();
-                    self.residuals(&moved, &origin, &mut row)
+                    self.residuals(&moved, &origin, weights, &mut row)
                 };
                 let (ahead, behind) = (beside(*nudge), beside(-nudge));
                 // per nudge, so that angles and lengths are of one size
@@ -297,7 +314,7 @@ impl Group<'_> {
                     continue;
                 };
                 let moved: Vec<f64> = x.iter().zip(step.iter().zip(&nudges)).map(|(v, (s, nudge))| v - s * nudge).collect();
-                let there = self.residuals(&moved, &origin, &mut row);
+                let there = self.residuals(&moved, &origin, weights, &mut row);
                 let moved_cost = dot(&there, &there);
                 if moved_cost < cost {
                     better = cost - moved_cost > 1e-14 * cost;

@@ -119,6 +119,9 @@ impl Skeleton {
                 },
                 b"motion" => break,
                 b"" => return Err(cursor.wrong("the file ends before the word MOTION; it was cut off")),
+                _ if Channel::parse(word).is_some() => {
+                    return Err(cursor.wrong(format!("\"{}\" is one channel more than CHANNELS says; correct its number", excerpt(word))));
+                }
                 b"root" | b"joint" | b"end" => {
                     let text =
                         format!("{} does not belong here; a ROOT stands outside of all brackets, JOINT and End Site inside", excerpt(word));

@@ -46,6 +46,9 @@ const LARGEST_IN_METRES: f64 = 10.0;
 /// ... and one with a smaller than this in centimetres.
 const LARGEST_IN_CENTIMETRES: f64 = 600.0;
 
+/// What is lost between two ways to compute a distance.
+const ROUND_OFF_MM: f64 = 1e-6;
+
 /// The format.
 #[derive(Clone, Copy, Debug)]
 pub struct Bvh;
@@ -168,7 +171,7 @@ impl Document for BvhDocument {
 
     fn leeway(&self, notes: &[Note]) -> Leeway {
         let noted = notes.iter().filter_map(|n| if let Note::NotRealised { worst_mm, .. } = n { Some(*worst_mm) } else { None });
-        Leeway { known_mm: self.known_mm, filled_mm: noted.fold(self.known_mm, f64::max) }
+        Leeway { known_mm: self.known_mm, filled_mm: noted.fold(self.known_mm, f64::max) + ROUND_OFF_MM }
     }
 }
 
