@@ -347,7 +347,7 @@ fn solve_damped(hessian: &[Vec<f64>], gradient: &[f64], damping: f64) -> Option<
         }
         let diagonal = row.last()?;
         let pivot = diagonal * (1.0 + damping) + f64::MIN_POSITIVE - dot(&new, &new);
-        if !(pivot > 0.0) {
+        if pivot.is_nan() || pivot <= 0.0 {
             return None;
         }
         let pivot = pivot.sqrt();

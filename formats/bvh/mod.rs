@@ -115,7 +115,7 @@ fn likely_unit(skeleton: &Skeleton, positions: Positions, first: &[f64]) -> Unit
     let at_rest = size(&vec![0.0; skeleton.channels], Positions::AddedToOffset);
     let diagonal = if at_rest > 0.0 { at_rest } else { size(first, positions) };
     match diagonal {
-        d if d == 0.0 => Unit::Centimetre,
+        0.0 => Unit::Centimetre,
         d if d < LARGEST_IN_METRES => Unit::Metre,
         d if d < LARGEST_IN_CENTIMETRES => Unit::Centimetre,
         _ => Unit::Millimetre,

@@ -14,8 +14,7 @@ const EXACT: u64 = 1 << 53;
 pub(super) fn number(text: &[u8]) -> Option<f64> {
     let (negative, digits) = match text {
         [b'-', rest @ ..] => (true, rest),
-        [b'+', rest @ ..] => (false, rest),
-        rest => (false, rest),
+        [b'+', rest @ ..] | rest => (false, rest),
     };
     // A whole number below 2^53 over a power of ten up to 10^22: both are exact, so one division rounds correctly.
     let (mut whole, mut decimals, mut point, mut any) = (0_u64, 0_usize, false, false);
