@@ -19,7 +19,12 @@ use std::collections::BTreeMap;
 /// Weights of what is known and of what nobody knows, such as the twist of a bone, against that of what was filled.
 /// The square of the first is how far fills give way to what is known in the end; starting there would make a valley too narrow to walk along.
 /// The second first shows the search the way, and then leaves no trace.
-const WEIGHTS: [Weights; 3] = [Weights { held: 1.0, prior: 1e-2 }, Weights { held: 30.0, prior: 1e-3 }, Weights { held: 1e3, prior: 1e-5 }];
+const WEIGHTS: [Weights; 4] = [
+    Weights { held: 1.0, prior: 1e-2 },
+    Weights { held: 30.0, prior: 1e-3 },
+    Weights { held: 1e3, prior: 1e-4 },
+    Weights { held: 1e4, prior: 1e-4 },
+];
 
 /// More values than any neighbourhood of a body has. A larger one is left as it is; the time grows with the cube.
 const MOST_VALUES: usize = 240;

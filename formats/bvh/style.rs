@@ -14,7 +14,7 @@ const MOST_DECIMALS: usize = 15;
 /// How many rounded angles may add up at the end of a limb.
 const ADDING_UP: f64 = 12.0;
 /// What the search for angles may leave, in mm.
-const UNSOLVED_MM: f64 = 1e-3;
+const UNSOLVED_MM: f64 = 3e-3;
 
 /// How numbers are written.
 #[derive(Clone, Debug, PartialEq)]
