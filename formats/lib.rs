@@ -10,6 +10,7 @@
 //! The folders beside this file are the formats; [`ALL`] is their one list.
 //! To add one: write its folder, add two lines here, `fixtures/<name>/` and `docs/formats/<name>.md`.
 
+pub mod bvh;
 pub mod c3d;
 pub mod csv;
 mod cursor;
@@ -32,7 +33,7 @@ pub use take::{Direction, Marker, Origin, Role, Take, TakeBuilder, Unit};
 use std::io::Write;
 
 /// Every format, in the order in which they are asked.
-pub static ALL: &[&dyn Format] = &[&c3d::C3d, &csv::Csv, &motive::Motive, &nexus::Nexus];
+pub static ALL: &[&dyn Format] = &[&c3d::C3d, &csv::Csv, &motive::Motive, &nexus::Nexus, &bvh::Bvh];
 
 /// The largest file that is read, in bytes.
 pub const LARGEST_FILE: u64 = 4 << 30;
@@ -122,6 +123,24 @@ pub trait Document: Send {
 
     /// How far a filled coordinate may be from what [`save`](Document::save) stores, in mm.
     fn rounding_mm(&self) -> f64;
+
+    /// What a check of the file that [`save`](Document::save) wrote has to allow; `notes` are those that saving left.
+    ///
+    /// Where samples are stored each by itself, that is nothing but the rounding of filled ones.
+    fn leeway(&self, _notes: &[Note]) -> Leeway {
+        Leeway { known_mm: 0.0, filled_mm: self.rounding_mm() }
+    }
+}
+
+/// How near a patched file has to come to the take, where samples depend on each other, in mm.
+///
+/// Known samples of frames in which nothing was filled are equal bit for bit, whatever this says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Leeway {
+    /// Distance of known coordinates, in frames in which something was filled. 0 asks for equal bits.
+    pub known_mm: f64,
+    /// Distance of filled coordinates.
+    pub filled_mm: f64,
 }
 
 /// Why no format was chosen.

@@ -114,6 +114,13 @@ pub enum Note {
     },
     /// Integers were taken for floating-point numbers, as asked for.
     Floats,
+    /// Filled joints are elsewhere in the written file, because its bones are rigid.
+    NotRealised {
+        /// How many samples.
+        samples: usize,
+        /// How far the worst of them is off.
+        worst_mm: f64,
+    },
     /// The written format cannot hold something that the take has.
     NotExpressible {
         /// The format's name.
@@ -122,6 +129,9 @@ pub enum Note {
         what: String,
     },
 }
+
+/// From here on it matters that filled joints are elsewhere, mm.
+const FAR_OFF_MM: f64 = 5.0;
 
 impl Note {
     /// True if something was lost or assumed, so that a person should look: exit code 3.
@@ -135,6 +145,7 @@ impl Note {
             | Self::Assumed { .. }
             | Self::Damaged { .. }
             | Self::NotExpressible { .. } => true,
+            Self::NotRealised { worst_mm, .. } => *worst_mm > FAR_OFF_MM,
             Self::ZeroReadAsMissing { .. }
             | Self::StaleCoordinates { .. }
             | Self::ResidualGarbage { .. }
@@ -174,6 +185,7 @@ impl Note {
             Self::FrameStep { .. } => "frame-step",
             Self::Rounded { .. } => "rounded",
             Self::Floats => "floats",
+            Self::NotRealised { .. } => "not-realised",
             Self::NotExpressible { .. } => "not-expressible",
         }
     }
@@ -214,6 +226,11 @@ impl std::fmt::Display for Note {
             }
             Self::Rounded { step_mm } => write!(f, "filled positions are rounded to the file's own step of {step_mm} mm"),
             Self::Floats => f.write_str("coordinates stored as integers become floating-point numbers"),
+            Self::NotRealised { samples, worst_mm } => write!(
+                f,
+                "{samples} filled positions are nearly but not quite in the file, because its bones are rigid and known joints stay; the worst is \
+                 {worst_mm:.3} mm off"
+            ),
             Self::NotExpressible { format, what } => write!(f, "{format} cannot hold {what}; left out"),
         }
     }

@@ -58,8 +58,8 @@ pub fn write(way: Way, opened: &Opened, take: &Take, stated: &Stated, output: &P
     file.as_file().sync_all().map_err(|e| unwritable(output, &e))?;
     let back = std::fs::read(file.path()).map_err(|e| unwritable(output, &e))?;
     let back = expand(back, output)?;
-    let patched = matches!(way, Way::Patched);
-    let stated = if patched { Stated { missing: Samples::new(), ..stated.clone() } } else { Stated::default() };
+    let patched = matches!(way, Way::Patched).then(|| opened.document.leeway(&opened.notes.take()));
+    let stated = if patched.is_some() { Stated { missing: Samples::new(), ..stated.clone() } } else { Stated::default() };
     verify(back, format, &stated, take, patched).map_err(|error| RepairError::Verify { path: output.to_owned(), error })?;
     Ok(file)
 }

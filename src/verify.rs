@@ -3,8 +3,11 @@
 //! The written bytes are opened again as a stranger would open them.
 //! Names, frame count and rate must be those of the take; every sample that was known must come back exactly (or, in another format, as near as that format
 //! can say); every filled sample must be there; and nothing else may have appeared.
+//!
+//! Where samples depend on each other, as joints on the angles of others, those of a frame in which something was filled come back as near as the opened
+//! document says ([`Leeway`]); those of all other frames exactly.
 
-use formats::{Document, Format, Notes, Origin, Role, Stated, Take};
+use formats::{Document, Format, Leeway, Notes, Origin, Role, Stated, Take};
 
 /// A promise that the written file does not keep.
 #[derive(Debug, thiserror::Error)]
@@ -12,17 +15,18 @@ use formats::{Document, Format, Notes, Origin, Role, Stated, Take};
 pub struct Broken(String);
 
 /// Opens `written` with `format` and compares it with the repaired take.
-/// `same_format` is true if the file was patched, so that known samples must be equal bit for bit.
+/// `patched` is what the opened document allows ([`Document::leeway`]) if its bytes were patched; `None` if a new file of another format was made.
 ///
 /// # Errors
 /// The first difference, or that the file does not open.
-pub fn verify(written: Vec<u8>, format: &dyn Format, stated: &Stated, repaired: &Take, same_format: bool) -> Result<(), Broken> {
+pub fn verify(written: Vec<u8>, format: &dyn Format, stated: &Stated, repaired: &Take, patched: Option<Leeway>) -> Result<(), Broken> {
     let notes = Notes::new();
     let document = format.open(written, stated, &notes).map_err(|e| Broken(format!("it does not open ({e})")))?;
-    compare(document.as_ref(), repaired, same_format)
+    compare(document.as_ref(), repaired, patched, format.info().holds_gaps)
 }
 
-fn compare(document: &dyn Document, repaired: &Take, same_format: bool) -> Result<(), Broken> {
+fn compare(document: &dyn Document, repaired: &Take, patched: Option<Leeway>, holds_gaps: bool) -> Result<(), Broken> {
+    let same_format = patched.is_some();
     let take = document.take();
     let broken = |text: String| Err(Broken(text));
     if take.frames() != repaired.frames() {
@@ -44,14 +48,28 @@ fn compare(document: &dyn Document, repaired: &Take, same_format: bool) -> Resul
     }
     let rounding_mm = document.rounding_mm();
     for frame in 0..repaired.frames() {
+        let changed = (0..repaired.markers.len()).any(|m| repaired.origin(frame, m) == Origin::Repaired);
         for (column, &marker) in columns.iter().enumerate() {
             let (is, was) = (take.position_mm(frame, column), repaired.position_mm(frame, marker));
             let origin = repaired.origin(frame, marker);
-            let exact = same_format && origin.is_known();
+            let allowed_mm = match patched {
+                None => rounding_mm,
+                Some(leeway) if origin == Origin::Repaired => leeway.filled_mm,
+                Some(leeway) => {
+                    if changed {
+                        leeway.known_mm
+                    } else {
+                        0.0
+                    }
+                }
+            };
+            let exact = same_format && origin.is_known() && allowed_mm == 0.0;
             let kept = match (is, was) {
                 (None, None) => true,
-                (Some(is), Some(was)) => (0..3).all(|k| if exact { is[k] == was[k] } else { near(is[k], was[k], rounding_mm) }),
-                _ => false,
+                (Some(is), Some(was)) => (0..3).all(|k| if exact { is[k] == was[k] } else { near(is[k], was[k], allowed_mm) }),
+                // a format that cannot say that something is missing has to put something there
+                (Some(_), None) => !holds_gaps,
+                (None, Some(_)) => false,
             };
             if !kept {
                 return broken(format!(

@@ -153,6 +153,40 @@ fn table(path: &Path) -> Result<(), Failed> {
     if saved == bytes { Ok(()) } else { Err("saving the unchanged take changes the file".into()) }
 }
 
+/// Joints and frames as the manifest says, unchanged bytes, and our own kind of file.
+fn bvh(path: &Path, row: &Row) -> Result<(), Failed> {
+    let bytes = std::fs::read(path)?;
+    expect("sniffed", formats::bvh::Bvh.sniff(bytes.get(..bytes.len().min(4096)).unwrap_or(&bytes)), Match::Certain)?;
+    let document = formats::bvh::Bvh.open(bytes.clone(), &Stated::default(), &Notes::new())?;
+    let take = document.take();
+    expect("frames", take.frames().to_string().as_str(), row.get("frames").map(String::as_str).unwrap_or_default())?;
+    // "joints=24 ends=5 frames=56 ..."; an end site whose OFFSET is 0 is where its joint is, and no marker
+    let special = row.get("special").map(String::as_str).unwrap_or_default();
+    let said = |key: &str| special.split_whitespace().find_map(|word| word.strip_prefix(key)?.strip_prefix('=')?.parse::<usize>().ok());
+    let ends = take.markers.iter().filter(|m| m.label.contains("_end")).count();
+    expect("joints", Some(take.markers.len() - ends), said("joints"))?;
+    if ends > said("ends").unwrap_or(0) {
+        return Err(format!("{ends} end sites").into());
+    }
+    expect("missing samples", missing(take), 0)?;
+    let mut saved = Vec::new();
+    document.save(take, &mut saved, &Notes::new())?;
+    if saved != bytes {
+        return Err("saving the unchanged take changes the file".into());
+    }
+    let mut created = Vec::new();
+    formats::bvh::Bvh.create(take, &mut created, &Notes::new())?;
+    let again = formats::bvh::Bvh.open(created, &Stated::default(), &Notes::new())?;
+    expect("markers of the created file", again.take().markers.len(), take.markers.len())?;
+    expect("rate of the created file", again.take().rate_hz, take.rate_hz)?;
+    for frame in 0..take.frames() {
+        for marker in 0..take.markers.len() {
+            expect("a sample of the created file", again.take().position_mm(frame, marker), take.position_mm(frame, marker))?;
+        }
+    }
+    Ok(())
+}
+
 /// One of the paper's worked examples: markers hidden in a range of frames of a take.
 struct Example {
     take: &'static str,
@@ -244,7 +278,10 @@ fn main() {
     };
     let rows = std::fs::read_to_string(folder.join("data/MANIFEST.csv")).map(|text| manifest(&text)).unwrap_or_default();
     let mut tests = Vec::new();
-    for row in rows.into_iter().filter(|row| row.get("file").is_some_and(|f| f.to_ascii_lowercase().ends_with(".c3d"))) {
+    let of = |extension: &str| -> Vec<Row> {
+        rows.iter().filter(|row| row.get("file").is_some_and(|f| f.to_ascii_lowercase().ends_with(extension))).cloned().collect()
+    };
+    for row in of(".c3d") {
         let file = row.get("file").cloned().unwrap_or_default();
         let path = folder.join("data").join(&file);
         tests.push(Trial::test(file, move || c3d(&path, &row)));
@@ -270,6 +307,22 @@ fn main() {
         tests.push(Trial::test("csv: the collection is whole", move || expect("files", count, TABLES.len() + REFUSED_TABLES.len())));
     }
     suite("csv", tests);
+    let mut tests = Vec::new();
+    for row in of(".bvh") {
+        let file = row.get("file").cloned().unwrap_or_default();
+        let path = folder.join("data").join(&file);
+        tests.push(Trial::test(file, move || bvh(&path, &row)));
+    }
+    if !tests.is_empty() {
+        let count = tests.len();
+        tests.push(Trial::test(
+            "bvh: the collection is whole",
+            move || {
+                if count >= 30 { Ok(()) } else { Err(format!("{count} files").into()) }
+            },
+        ));
+    }
+    suite("bvh", tests);
     let mut tests = Vec::new();
     for example in &EXAMPLES {
         let path = folder.join("data/cmu9").join(format!("{}.csv", example.take));

@@ -75,7 +75,7 @@ fn what_is_no_take_is_refused() {
     for (input, told) in [
         ("text.c3d", "text.c3d: named .c3d but not c3d: it holds text that begins \"Dear lab,"),
         ("empty.c3d", "empty.c3d: the file is empty (0 bytes)"),
-        ("noise.bin", "noise.bin: not a format we know: it begins with the bytes 7f 45 4c 46; expected one of: c3d, csv"),
+        ("noise.bin", "noise.bin: not a format we know: it begins with the bytes 7f 45 4c 46; expected one of: c3d, csv, bvh"),
         (
             "short.csv",
             "short.csv: csv: this row has 4 columns, the header has 5; nothing was skipped, delete or complete this row (line 3)",

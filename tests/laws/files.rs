@@ -3,7 +3,6 @@
 use crate::{Hole, WALKERS, cases, hidden, holes, same_where_known, walk_of};
 use formats::{Format, Notes, Origin, Stated, Take, TakeBuilder, Unit};
 use mocap_repair::gaps::Policy;
-use mocap_repair::input::Reading;
 use mocap_repair::repair::{Request, repair};
 use mocap_repair::report::Report;
 use mocap_repair::solve::lds::Hidden;
@@ -23,6 +22,11 @@ struct Ran {
 
 /// Repairs `bytes`, a file of the format with this extension, in a folder of its own.
 fn run(bytes: &[u8], extension: &str, method: Method) -> Ran {
+    run_stated(bytes, extension, method, Stated::default())
+}
+
+/// The same with something stated about the file.
+fn run_stated(bytes: &[u8], extension: &str, method: Method, stated: Stated) -> Ran {
     let folder = TempDir::new().unwrap();
     let name = |file: &str| folder.path().join(file);
     let (input, output) = (name(&format!("walk.{extension}")), name(&format!("repaired.{extension}")));
@@ -44,7 +48,7 @@ fn run(bytes: &[u8], extension: &str, method: Method) -> Ran {
         seed: 0,
         policy: Policy::default(),
         markers: Vec::new(),
-        reading: Reading::default(),
+        reading: stated.into(),
     };
     let report = repair(&request, &mut (), &AtomicBool::new(false)).unwrap();
     let read = |path: &Path| std::fs::read(path).unwrap();
@@ -80,6 +84,28 @@ fn takes() -> impl Strategy<Value = Take> {
 
 fn methods() -> impl Strategy<Value = Method> {
     prop::sample::select(Method::ALL.to_vec())
+}
+
+/// The knee of a leg is stated missing for some frames: rows of other frames stay as they are, and the file opens as what was promised.
+#[test]
+fn joints_stated_missing_are_filled_in_a_bvh() {
+    let text = include_str!("../../fixtures/bvh/odd/leg.bvh");
+    let knee = 2; // after Hips and LeftUpLeg
+    let gap = 8..12_usize;
+    let stated = Stated { missing: gap.clone().map(|frame| (frame, knee)).collect(), unit: Some(Unit::Centimetre), ..Stated::default() };
+    let ran = run_stated(text.as_bytes(), "bvh", Method::Spline, stated);
+    assert_eq!(ran.report.samples.len(), gap.len());
+    let after = String::from_utf8(ran.output).unwrap();
+    let rows = |text: &str| text.lines().map(str::to_owned).collect::<Vec<_>>();
+    let (before, after) = (rows(text), rows(&after));
+    let first = before.iter().position(|line| line.starts_with("Frame Time")).unwrap() + 1;
+    assert_eq!(before.len(), after.len());
+    for (at, (was, is)) in before.iter().zip(&after).enumerate() {
+        if at < first || !gap.contains(&(at - first)) {
+            assert_eq!(was, is, "line {at}");
+        }
+    }
+    assert_ne!(before, after, "the knee moved");
 }
 
 /// Bytes per sample of a C3D of floats.

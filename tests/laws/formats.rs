@@ -118,4 +118,27 @@ proptest! {
         let derived = (0..take.frames()).any(|f| (0..take.markers.len()).any(|m| take.origin(f, m) == Origin::Derived));
         prop_assert_eq!((silent("points up"), silent("filled or filtered")), (take.up.is_none(), !derived));
     }
+
+    /// Positions come back exactly where there are some; what BVH cannot say is said aloud.
+    #[test]
+    fn a_bvh_opens_as_the_take_it_was_made_from(take in takes()) {
+        let (back, notes) = through(&formats::bvh::Bvh, &take);
+        prop_assert_eq!((back.frames(), back.markers.len(), back.unit), (take.frames(), take.markers.len(), take.unit));
+        prop_assert!((back.rate_hz / take.rate_hz - 1.0).abs() <= 1e-12, "{} Hz comes back as {}", take.rate_hz, back.rate_hz);
+        let mut missing = 0;
+        for frame in 0..take.frames() {
+            for marker in 0..take.markers.len() {
+                match take.position_mm(frame, marker) {
+                    Some(p) => {
+                        let q = back.position_mm(frame, marker).unwrap_or_default();
+                        prop_assert!((0..3).all(|axis| (p[axis] - q[axis]).abs() <= f64::EPSILON * p[axis].abs()), "{:?} became {:?}", p, q);
+                    }
+                    None => missing += 1,
+                }
+            }
+        }
+        let said = |what: &str| notes.iter().any(|n| matches!(n, Note::NotExpressible { what: w, .. } if w.contains(what)));
+        prop_assert_eq!(said("are missing") || said("never seen"), missing > 0);
+        prop_assert_eq!((said("points up"), said("the unit")), (take.up.is_some(), true));
+    }
 }

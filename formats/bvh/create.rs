@@ -1,0 +1,158 @@
+//! Writes a new file from nothing but a take: a cloud of points, so that markers can be looked at in any viewer of BVH.
+//!
+//! The root stands at the origin and never moves. Below it every marker is a joint with three position channels, and an end site where it is.
+//! The root's name tells our reader the unit, and that the root is no marker.
+
+use super::motion::{FARTHEST, rate_of};
+use super::{INFO, NAME};
+use crate::{FormatError, Notes, Origin, Place, Role, Take, Unit};
+use std::collections::BTreeSet;
+use std::io::{self, BufWriter, Write};
+
+/// The name of the root, before its unit.
+const ROOT: &str = "origin_";
+/// Values of the root in every row: position and rotation.
+const STILL: &str = "0 0 0 0 0 0";
+
+/// The unit that the name of a root tells.
+pub(super) fn unit_of(root: &str) -> Option<Unit> {
+    let symbol = root.strip_prefix(ROOT)?;
+    Unit::ALL.into_iter().find(|unit| unit.symbol() == symbol)
+}
+
+/// Writes the take.
+pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
+    let columns: Vec<usize> = take.markers.iter().enumerate().filter(|(_, m)| m.role == Role::Marker).map(|(column, _)| column).collect();
+    if columns.is_empty() {
+        return Err(FormatError::unsupported(NAME, Place::Whole, "the take has no markers, so there is nothing to write"));
+    }
+    let all = || columns.iter().flat_map(|&column| (0..take.frames()).map(move |frame| (frame, column)));
+    let far = |position: [f64; 3]| !position.iter().all(|mm| (mm / take.unit.mm()).abs() < FARTHEST);
+    if let Some((frame, column)) = all().find(|&(frame, column)| take.position_mm(frame, column).is_some_and(far)) {
+        let text = format!(
+            "marker {} in frame {} is farther away than anything can be; correct it first",
+            take.display_label(column),
+            take.frame_label(frame)
+        );
+        return Err(FormatError::unsupported(NAME, Place::Whole, text));
+    }
+    let names = names(take, &columns, notes);
+    note_losses(take, &columns, notes);
+    let mut out = BufWriter::with_capacity(1 << 16, out);
+    let head = write_head(take, &names, &mut out);
+    head.and_then(|()| write_rows(take, &columns, &mut out)).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+}
+
+/// A name for each marker: without blanks and brackets, not empty, and no two the same. What changed is noted.
+fn names(take: &Take, columns: &[usize], notes: &Notes) -> Vec<String> {
+    let mut taken: BTreeSet<String> = BTreeSet::from([format!("{ROOT}{}", take.unit.symbol())]);
+    let mut changed = 0;
+    let mut next = std::collections::BTreeMap::new();
+    let names: Vec<String> = columns
+        .iter()
+        .map(|&column| {
+            let label = take.markers.get(column).map_or("", |m| m.label.as_str());
+            let odd = |c: char| c.is_whitespace() || c.is_control() || matches!(c, '{' | '}');
+            let plain: String = label.chars().map(|c| if odd(c) { '_' } else { c }).collect();
+            let plain = if plain.is_empty() { format!("marker_{}", column + 1) } else { plain };
+            let mut name = plain.clone();
+            while !taken.insert(name.clone()) {
+                let count = next.entry(plain.clone()).or_insert(1_usize);
+                *count += 1;
+                name = format!("{plain}_{count}");
+            }
+            changed += usize::from(name != label);
+            name
+        })
+        .collect();
+    if changed > 0 {
+        notes.not_expressible(
+            &INFO,
+            format!("{changed} labels that are empty, occur twice, or have blanks or brackets (written with _ and numbers)"),
+        );
+    }
+    names
+}
+
+fn note_losses(take: &Take, columns: &[usize], notes: &Notes) {
+    let lost = |what: String| notes.not_expressible(&INFO, what);
+    lost(format!("the unit ({}, which the root's name says)", take.unit.symbol()));
+    let outputs = take.markers.len() - columns.len();
+    if outputs > 0 {
+        lost(format!("{outputs} columns of model outputs"));
+    }
+    if let Some(up) = take.up {
+        lost(format!("which axis points up ({up}, most viewers take +y)"));
+    }
+    if take.first_frame != 1 {
+        lost(format!("the number of the first frame ({})", take.first_frame));
+    }
+    let count = |origin: Origin| -> Vec<usize> {
+        columns.iter().map(|&c| (0..take.frames()).filter(|&f| take.origin(f, c) == origin).count()).collect()
+    };
+    let derived: usize = count(Origin::Derived).iter().sum();
+    if derived > 0 {
+        lost(format!("that {derived} samples were filled or filtered before"));
+    }
+    let missing = count(Origin::Missing);
+    let never = missing.iter().filter(|m| **m == take.frames() && **m > 0).count();
+    let held: usize = missing.iter().filter(|m| **m < take.frames()).sum();
+    if held > 0 {
+        lost(format!("that {held} samples are missing (each is written where its marker was seen nearest in time)"));
+    }
+    if never > 0 {
+        lost(format!("that {never} markers were never seen (they are written at 0 0 0)"));
+    }
+}
+
+fn write_head(take: &Take, names: &[String], out: &mut dyn Write) -> io::Result<()> {
+    let positions = "Xposition Yposition Zposition";
+    writeln!(out, "HIERARCHY\nROOT {ROOT}{}\n{{", take.unit.symbol())?;
+    writeln!(out, "\tOFFSET 0 0 0\n\tCHANNELS 6 {positions} Zrotation Xrotation Yrotation")?;
+    for name in names {
+        writeln!(out, "\tJOINT {name}\n\t{{\n\t\tOFFSET 0 0 0\n\t\tCHANNELS 3 {positions}")?;
+        writeln!(out, "\t\tEnd Site\n\t\t{{\n\t\t\tOFFSET 0 0 0\n\t\t}}\n\t}}")?;
+    }
+    writeln!(out, "}}\nMOTION\nFrames: {}\nFrame Time: {}", take.frames(), frame_time(take.rate_hz))
+}
+
+/// The seconds from frame to frame, with as many digits as it takes to read the rate back.
+fn frame_time(rate_hz: f64) -> String {
+    let secs = 1.0 / rate_hz;
+    let written = (6..24).map(|decimals| format!("{secs:.decimals$}")).find(|text| rate_of(text) == Some(rate_hz));
+    written.unwrap_or_else(|| format!("{secs}"))
+}
+
+fn write_rows(take: &Take, columns: &[usize], out: &mut dyn Write) -> io::Result<()> {
+    // where each marker was seen last, and the frame in which it is seen next
+    let mut last: Vec<Option<(usize, [f64; 3])>> = vec![None; columns.len()];
+    let mut next: Vec<usize> = vec![0; columns.len()];
+    for frame in 0..take.frames() {
+        write!(out, "{STILL}")?;
+        for ((&column, last), next) in columns.iter().zip(&mut last).zip(&mut next) {
+            if let Some(position) = take.position_mm(frame, column) {
+                *last = Some((frame, position));
+            }
+            while *next < take.frames() && (*next < frame || take.origin(*next, column) == Origin::Missing) {
+                *next += 1;
+            }
+            let ahead = take.position_mm(*next, column);
+            let position = match (*last, ahead) {
+                (Some((seen, _)), Some(position)) if *next - frame < frame - seen => position,
+                (Some((_, position)), _) | (None, Some(position)) => position,
+                (None, None) => [0.0; 3],
+            };
+            for mm in position {
+                write!(out, " {}", in_unit(mm, take.unit.mm()))?;
+            }
+        }
+        writeln!(out)?;
+    }
+    Ok(())
+}
+
+/// The number of units that gives `mm` back when it is multiplied by `unit_mm`, if there is one; else the nearest.
+fn in_unit(mm: f64, unit_mm: f64) -> f64 {
+    let value = mm / unit_mm;
+    [value, value.next_up(), value.next_down()].into_iter().find(|v| v * unit_mm == mm).unwrap_or(value) + 0.0
+}
