@@ -5,6 +5,7 @@
 //! samples, events, force platforms, groups of other programs, trailing bytes) stays as it was by construction.
 
 mod create;
+mod floats;
 mod layout;
 mod parameters;
 mod points;
@@ -194,6 +195,10 @@ impl Document for C3dDocument {
             written = patch.offset + patch.bytes().len();
         }
         out.write_all(self.bytes.get(written..).unwrap_or(&[])).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+    }
+
+    fn as_floats(&self) -> Result<Option<Vec<u8>>, FormatError> {
+        floats::convert(&self.layout, &self.bytes)
     }
 
     fn rounding_mm(&self) -> f64 {

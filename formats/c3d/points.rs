@@ -238,8 +238,8 @@ pub(super) fn patch(
                     return Err(refuse(
                         axis,
                         format!(
-                            "is {:.1} mm, beyond the \u{b1}{:.1} mm that this file of integers can hold (POINT:SCALE \u{d7} 32767); write to \
-                             another format instead, such as .csv",
+                            "is {:.1} mm, beyond the \u{b1}{:.1} mm that this file of integers can hold (POINT:SCALE \u{d7} 32767); write \
+                             it as floats with --float, or to another format, such as .csv",
                             position_mm.get(axis).copied().unwrap_or(f64::NAN),
                             32767.0 * step_mm
                         ),
