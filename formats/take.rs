@@ -167,6 +167,8 @@ pub struct Take {
     pub unit: Unit,
     /// The axis that points up, if the file says so.
     pub up: Option<Direction>,
+    /// The method that made the [`Origin::Repaired`] samples, for formats that can say so.
+    pub filled_by: Option<String>,
     /// The columns, in the file's order.
     pub markers: Vec<Marker>,
     positions_mm: Grid<[f64; 3]>,
@@ -253,6 +255,7 @@ impl TakeBuilder {
                 first_frame: 1,
                 unit: Unit::Millimetre,
                 up: None,
+                filled_by: None,
                 markers,
                 positions_mm: Grid::filled(frames, columns, [f64::NAN; 3]),
                 origins: Grid::filled(frames, columns, Origin::Missing),

@@ -185,6 +185,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
             report.stages = solved.stages.iter().map(StageReport::new).collect();
             let estimate = &solved.estimate;
             report.samples = fills::fill(&mut repaired, &problem, estimate, &found, &mut decisions, request.policy.max_sigma_mm);
+            repaired.filled_by = Some(request.method.name().to_owned());
             report.explain(&problem, &solved.explanations, before);
         } else {
             for decision in decisions.iter_mut().filter(|d| d.is_ok()) {

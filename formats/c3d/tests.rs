@@ -86,6 +86,27 @@ fn a_repair_changes_the_filled_samples_and_no_other_byte() {
     assert!(apart <= document.rounding_mm());
 }
 
+#[test]
+fn a_new_file_says_who_filled_it() {
+    let mut b = walk(8);
+    b.hide(3, 0);
+    b.hide(4, 1);
+    let mut take = b.build();
+    assert!(take.fill(3, 0, [1.5, 2.5, 3.5]));
+    take.filled_by = Some("lds".to_owned());
+    let (bytes, _) = create(&take);
+    let (again, _) = create(&take);
+    assert_eq!(bytes, again, "no dates");
+    let p = Parameters::read(&bytes, &Notes::new()).unwrap();
+    assert_eq!(p.texts("MOCAPREPAIR", "VERSION").unwrap(), [env!("CARGO_PKG_VERSION")]);
+    assert_eq!(p.texts("MOCAPREPAIR", "METHOD").unwrap(), ["lds"]);
+    assert_eq!(p.number("MOCAPREPAIR", "FILLED"), Some(1.0));
+    for (group, name) in [("ANALOG", "SCALE"), ("ANALOG", "OFFSET"), ("FORCE_PLATFORM", "CORNERS"), ("FORCE_PLATFORM", "TYPE")] {
+        assert!(p.numbers(group, name, 1).is_empty(), "{group}:{name}");
+    }
+    assert!(Parameters::read(&create(&walk(1).build()).0, &Notes::new()).unwrap().texts("MOCAPREPAIR", "METHOD").is_none());
+}
+
 /// An Intel file of integers: one point, `samples` frames, step 0.1 mm.
 fn integers(samples: &[[i16; 4]]) -> Vec<u8> {
     let mut b = TakeBuilder::new(vec![Marker::new("A")], samples.len(), 50.0);
