@@ -38,6 +38,11 @@ impl<T> Grid<T> {
         if column < self.columns { self.cells.get_mut(frame.checked_mul(self.columns)?.checked_add(column)?) } else { None }
     }
 
+    /// A table of the same size with what `f` makes of each cell.
+    pub fn map<U>(&self, f: impl Fn(&T) -> U) -> Grid<U> {
+        Grid { frames: self.frames, columns: self.columns, cells: self.cells.iter().map(f).collect() }
+    }
+
     /// All cells of one frame; empty outside the table.
     pub fn row(&self, frame: usize) -> &[T] {
         let start = frame.saturating_mul(self.columns);

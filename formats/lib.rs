@@ -16,6 +16,7 @@ mod cursor;
 mod error;
 mod grid;
 mod note;
+mod positions;
 mod samples;
 mod take;
 

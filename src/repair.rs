@@ -195,6 +195,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
         report.attach_explanations(&found);
         report.judge_bones(&bones, &repaired, request.hard());
+        drop(problem); // as large as the take, and of no more use
         write_out(request, &opened, &repaired, log, &mut report)?;
     }
     report.notes = opened.notes.take();

@@ -38,7 +38,8 @@ pub(super) fn convert(layout: &Layout, bytes: &[u8]) -> Result<Option<Vec<u8>>, 
         return Err(refused("the file has rotations behind its points, which would no longer be found there; write .csv instead"));
     }
     let mut new = head(&parameters, layout, bytes)?;
-    let unsigned = parameters.texts("ANALOG", "FORMAT").and_then(|t| t.into_iter().next()).is_some_and(|t| t.eq_ignore_ascii_case("UNSIGNED"));
+    let unsigned =
+        parameters.texts("ANALOG", "FORMAT").and_then(|t| t.into_iter().next()).is_some_and(|t| t.eq_ignore_ascii_case("UNSIGNED"));
     let samples = layout.frames.saturating_mul(layout.frame_bytes);
     let rest_at = layout.start.saturating_add(samples);
     let data = bytes.get(layout.start..rest_at).unwrap_or(&[]);

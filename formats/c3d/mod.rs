@@ -68,9 +68,14 @@ impl Format for C3d {
         let unit = stated.unit.unwrap_or_else(|| unit(&parameters, &roles, notes));
         let rate_hz = stated.rate_hz.unwrap_or_else(|| rate_hz(&parameters, notes));
         let up = parameters.texts("POINT", "Y_SCREEN").and_then(|t| Direction::parse(t.first()?));
-        let builder =
-            TakeBuilder::new(markers, layout.frames, rate_hz).first_frame(layout.first_frame).unit(unit).up(up).missing(&stated.missing);
-        let (take, largest_mm) = points::read(&layout, &bytes, builder, &roles, unit.mm(), notes);
+        let step_mm = layout.step_mm(unit.mm());
+        let builder = TakeBuilder::new(markers, layout.frames, rate_hz)
+            .first_frame(layout.first_frame)
+            .unit(unit)
+            .up(up)
+            .missing(&stated.missing)
+            .multiples_of_mm(step_mm);
+        let (take, largest_mm) = points::read(&layout, &bytes, builder, &roles, step_mm, notes);
         Ok(Box::new(C3dDocument { bytes, layout, take, largest_mm }))
     }
 

@@ -19,7 +19,7 @@ use super::layout::{Layout, Storage};
 use super::processor::{Processor, dec_to_f32};
 use crate::{FormatError, Note, Notes, Origin, Place, Role, Take, TakeBuilder};
 
-/// A sample in the file's unit, and its fourth word.
+/// Coordinates as the file stores them, and the fourth word.
 type Sample = ([f64; 3], f64);
 
 /// What a sample says about itself.
@@ -106,14 +106,14 @@ fn walk_integers(layout: &Layout, data: &[u8], number: impl Fn([u8; 2]) -> i16, 
         let (samples, _) = words.as_chunks::<4>();
         for (column, sample) in samples.iter().take(layout.points).enumerate() {
             let [x, y, z, word] = sample.map(|w| f64::from(number(w)));
-            each(frame, column, ([x * layout.scale, y * layout.scale, z * layout.scale], word));
+            each(frame, column, ([x, y, z], word));
         }
     }
 }
 
 /// Reads all samples into `builder`, whose columns have the given roles.
-/// `mm` is the length of the file's unit in mm. Returns the take and the largest coordinate of a marker in mm.
-pub(super) fn read(layout: &Layout, bytes: &[u8], mut builder: TakeBuilder, roles: &[Role], mm: f64, notes: &Notes) -> (Take, f64) {
+/// `step_mm` is the length of a stored 1 in mm. Returns the take and the largest coordinate of a marker in mm.
+pub(super) fn read(layout: &Layout, bytes: &[u8], mut builder: TakeBuilder, roles: &[Role], step_mm: f64, notes: &Notes) -> (Take, f64) {
     let role = |column: usize| roles.get(column).copied().unwrap_or(Role::Marker);
     let mut tally = Tally::default();
     let mut unsaid = false;
@@ -124,7 +124,7 @@ pub(super) fn read(layout: &Layout, bytes: &[u8], mut builder: TakeBuilder, role
         tally.add(kind, role);
         if let Kind::Seen | Kind::Garbage | Kind::Unsaid = kind {
             unsaid |= kind == Kind::Unsaid;
-            let position_mm = sample.0.map(|c| c * mm);
+            let position_mm = sample.0.map(|c| c * step_mm);
             if role == Role::Marker {
                 largest_mm = position_mm.iter().fold(largest_mm, |most, c| most.max(c.abs()));
             }
@@ -136,7 +136,7 @@ pub(super) fn read(layout: &Layout, bytes: &[u8], mut builder: TakeBuilder, role
     if unsaid && tally.used {
         walk(layout, bytes, |frame, column, sample| {
             if kind(sample, role(column)) == Kind::Unsaid {
-                builder.set(frame, column, sample.0.map(|c| c * mm), Origin::Derived);
+                builder.set(frame, column, sample.0.map(|c| c * step_mm), Origin::Derived);
             }
         });
     }

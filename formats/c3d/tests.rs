@@ -139,7 +139,10 @@ fn integers_are_rounded_and_never_wrapped() {
     far.fill(2, 0, [0.0, -3276.9, 0.0]);
     let mut out = Vec::new();
     let error = document.save(&far, &mut out, &Notes::new()).unwrap_err().to_string();
-    assert!(error.contains("the filled y of A in frame 3 is -3276.9 mm, beyond the \u{b1}3276.7 mm") && error.contains("--float"), "{error}");
+    assert!(
+        error.contains("the filled y of A in frame 3 is -3276.9 mm, beyond the \u{b1}3276.7 mm") && error.contains("--float"),
+        "{error}"
+    );
     assert!(out.is_empty(), "nothing is written before all is known to fit");
 }
 
@@ -153,7 +156,19 @@ fn integers_become_floats_and_hold_what_integers_could_not() {
     assert_eq!(changed.len(), 2, "the signs of two scales: {changed:?}");
     let scale = f64::from(0.1f32);
     let words: Vec<f32> = floats[bytes.len() - 5 * 8..].as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
-    assert_eq!(words[..8], [(10.0 * scale) as f32, (20.0 * scale) as f32, (-30.0 * scale) as f32, 1.0, (7.0 * scale) as f32, (8.0 * scale) as f32, (9.0 * scale) as f32, -1.0]);
+    assert_eq!(
+        words[..8],
+        [
+            (10.0 * scale) as f32,
+            (20.0 * scale) as f32,
+            (-30.0 * scale) as f32,
+            1.0,
+            (7.0 * scale) as f32,
+            (8.0 * scale) as f32,
+            (9.0 * scale) as f32,
+            -1.0
+        ]
+    );
     assert_eq!([words[11], words[15], words[19]], [-32768.0, 769.0, 0.0]);
 
     let (again, notes_again) = open(&floats).unwrap();
