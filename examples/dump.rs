@@ -25,7 +25,7 @@ fn dump(take: &Take, notes: &Notes, out: &mut dyn Write) -> Result<(), Failure> 
         "unit_mm": take.unit.mm(),
         "labels": take.markers.iter().map(|m| &m.label).collect::<Vec<_>>(),
         "outputs": take.markers.iter().map(|m| m.role == Role::ModelOutput).collect::<Vec<_>>(),
-        "notes": notes.take().iter().map(|n| n.kind()).collect::<Vec<_>>(),
+        "notes": notes.take().iter().map(formats::Note::kind).collect::<Vec<_>>(),
     });
     writeln!(out, "{head}")?;
     let samples = || (0..take.frames()).flat_map(|f| (0..take.markers.len()).map(move |m| (f, m)));

@@ -196,7 +196,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.attach_explanations(&found);
         report.judge_bones(&bones, &repaired, request.hard());
         drop(problem); // as large as the take, and of no more use
-        write_out(request, &opened, &repaired, log, &mut report)?;
+        return write_out(request, opened, &repaired, log, report);
     }
     report.notes = opened.notes.take();
     Ok(report)
@@ -312,20 +312,18 @@ fn start_log(request: &Request, opened: &Opened, bones: &[Bone], report: &mut Re
 }
 
 /// Writes the output, proves it, and puts everything in place: the table and the log first, the output last.
-fn write_out(request: &Request, opened: &Opened, repaired: &Take, log: Option<McapLog>, report: &mut Report) -> Result<(), RepairError> {
+fn write_out(request: &Request, opened: Opened, repaired: &Take, log: Option<McapLog>, mut report: Report) -> Result<Report, RepairError> {
+    let Opened { format: input, document, notes, sha256 } = opened;
     let output = &request.output;
-    let (format, same_format) = output_format(output, opened.format);
+    let (format, same_format) = output_format(output, input);
     let mut file = staging::beside(output).map_err(|e| unwritable(output, &e))?;
     let written = {
         let mut out = io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
-        let result = if same_format {
-            opened.document.save(repaired, &mut out, &opened.notes)
-        } else {
-            format.create(repaired, &mut out, &opened.notes)
-        };
+        let result = if same_format { document.save(repaired, &mut out, &notes) } else { format.create(repaired, &mut out, &notes) };
         result.and_then(|()| out.flush().map_err(|e| FormatError::io(format.info().name, e)))
     };
     written.map_err(|error| RepairError::Format { path: output.clone(), error })?;
+    drop(document); // the bytes that were read: there must be room for those that were written
     file.as_file().sync_all().map_err(|e| unwritable(output, &e))?;
     let stated = if same_format { Stated { missing: Samples::default(), ..request.stated.clone() } } else { Stated::default() };
     let back = std::fs::read(file.path()).map_err(|e| unwritable(output, &e))?;
@@ -352,12 +350,13 @@ fn write_out(request: &Request, opened: &Opened, repaired: &Take, log: Option<Mc
         // whoever may not read the original may not read the repaired take either
         let same = std::fs::metadata(&request.input).and_then(|input| file.as_file().set_permissions(input.permissions()));
         same.map_err(|e| unwritable(output, &e))?;
-        keep_original(request, &opened.sha256).and_then(|kept| placed.add(&kept, Ok(())))?;
+        keep_original(request, &sha256).and_then(|kept| placed.add(&kept, Ok(())))?;
     }
     staging::publish(file, output).map_err(|e| unwritable(output, &e))?;
     placed.0.clear();
     report.output = Some(output.clone());
-    Ok(())
+    report.notes = notes.take();
+    Ok(report)
 }
 
 /// Files that already have their final names; taken away again if the output does not follow.
