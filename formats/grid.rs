@@ -29,11 +29,13 @@ impl<T> Grid<T> {
     }
 
     /// The cell of `column` in `frame`.
+    #[inline]
     pub fn get(&self, frame: usize, column: usize) -> Option<&T> {
         if column < self.columns { self.cells.get(frame.checked_mul(self.columns)?.checked_add(column)?) } else { None }
     }
 
     /// The cell of `column` in `frame`, to be changed.
+    #[inline]
     pub fn get_mut(&mut self, frame: usize, column: usize) -> Option<&mut T> {
         if column < self.columns { self.cells.get_mut(frame.checked_mul(self.columns)?.checked_add(column)?) } else { None }
     }

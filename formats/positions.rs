@@ -37,6 +37,19 @@ impl Positions {
         }
     }
 
+    /// Sets a position to multiples of this many mm, which costs little if they are the ones expected.
+    #[inline]
+    pub fn set_multiples(&mut self, frame: usize, column: usize, multiples: [f32; 3], step: f64) {
+        match self {
+            Self::Narrow { multiples: grid, step_mm } if *step_mm == step => {
+                if let Some(cell) = grid.get_mut(frame, column) {
+                    *cell = multiples;
+                }
+            }
+            _ => self.set(frame, column, multiples.map(|m| f64::from(m) * step)),
+        }
+    }
+
     /// Sets a position. A cell outside the table is none.
     pub fn set(&mut self, frame: usize, column: usize, position_mm: [f64; 3]) {
         if let Self::Narrow { multiples, step_mm } = self {

@@ -318,6 +318,18 @@ impl TakeBuilder {
         }
     }
 
+    /// Sets a sample to multiples of `step_mm`, as [`set`](Self::set) would; cheaper if it is the step of [`multiples_of_mm`](Self::multiples_of_mm).
+    #[inline]
+    pub fn set_multiples(&mut self, frame: usize, marker: usize, multiples: [f32; 3], step_mm: f64, origin: Origin) {
+        if !multiples.iter().all(|x| x.is_finite()) || !step_mm.is_finite() || origin == Origin::Missing {
+            return;
+        }
+        if let Some(from) = self.take.origins.get_mut(frame, marker) {
+            *from = origin;
+            self.positions.set_multiples(frame, marker, multiples, step_mm);
+        }
+    }
+
     /// Says what is given, in mm, of a sample that is missing in part; NaN for the rest. The sample counts as missing.
     pub fn set_partly(&mut self, frame: usize, marker: usize, given_mm: [f64; 3]) {
         self.hide(frame, marker);
