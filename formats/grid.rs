@@ -29,13 +29,20 @@ impl<T> Grid<T> {
     }
 
     /// The cell of `column` in `frame`.
+    #[inline]
     pub fn get(&self, frame: usize, column: usize) -> Option<&T> {
         if column < self.columns { self.cells.get(frame.checked_mul(self.columns)?.checked_add(column)?) } else { None }
     }
 
     /// The cell of `column` in `frame`, to be changed.
+    #[inline]
     pub fn get_mut(&mut self, frame: usize, column: usize) -> Option<&mut T> {
         if column < self.columns { self.cells.get_mut(frame.checked_mul(self.columns)?.checked_add(column)?) } else { None }
+    }
+
+    /// A table of the same size with what `f` makes of each cell.
+    pub fn map<U>(&self, f: impl Fn(&T) -> U) -> Grid<U> {
+        Grid { frames: self.frames, columns: self.columns, cells: self.cells.iter().map(f).collect() }
     }
 
     /// All cells of one frame; empty outside the table.

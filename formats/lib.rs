@@ -19,6 +19,7 @@ mod grid;
 pub mod motive;
 pub mod nexus;
 mod note;
+mod positions;
 mod samples;
 mod take;
 mod text;
@@ -37,6 +38,12 @@ pub static ALL: &[&dyn Format] = &[&c3d::C3d, &csv::Csv, &motive::Motive, &nexus
 
 /// The largest file that is read, in bytes.
 pub const LARGEST_FILE: u64 = 4 << 30;
+
+/// True for a frame rate that a recording can have, from one frame in a quarter of an hour to a million a second; anything else in a file is
+/// taken for no rate at all.
+pub(crate) fn is_a_rate(rate_hz: f64) -> bool {
+    (1e-3..=1e6).contains(&rate_hz)
+}
 
 /// What a format is called and what it is for.
 #[derive(Debug)]

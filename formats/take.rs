@@ -6,8 +6,10 @@
 //! Frames are counted from 0 in here.
 //! The number that the file itself gives to a frame is its *label*: [`Take::frame_label`] is the one place where the two meet.
 
+use crate::positions::Positions;
 use crate::{Grid, Samples};
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 /// Where a sample came from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -167,10 +169,15 @@ pub struct Take {
     pub unit: Unit,
     /// The axis that points up, if the file says so.
     pub up: Option<Direction>,
+    /// The method that made the [`Origin::Repaired`] samples, for formats that can say so.
+    pub filled_by: Option<String>,
     /// The columns, in the file's order.
     pub markers: Vec<Marker>,
-    positions_mm: Grid<[f64; 3]>,
+    /// As the file has them. A copy of the take shares them, because what was filled stands apart.
+    positions: Arc<Positions>,
     origins: Grid<Origin>,
+    /// Positions of the samples that are [`Origin::Repaired`].
+    filled_mm: BTreeMap<(usize, usize), [f64; 3]>,
     /// What is given of samples that are missing in part; NaN for the coordinates that are not.
     given_mm: BTreeMap<(usize, usize), [f64; 3]>,
 }
@@ -200,7 +207,8 @@ impl Take {
     pub fn position_mm(&self, frame: usize, marker: usize) -> Option<[f64; 3]> {
         match self.origin(frame, marker) {
             Origin::Missing => None,
-            _ => self.positions_mm.get(frame, marker).copied(),
+            Origin::Repaired => self.filled_mm.get(&(frame, marker)).copied(),
+            Origin::Measured | Origin::Derived => self.positions.get(frame, marker),
         }
     }
 
@@ -211,19 +219,15 @@ impl Take {
         if !position_mm.iter().all(|x| x.is_finite()) || self.markers.get(marker).is_none_or(|m| m.role != Role::Marker) {
             return false;
         }
-        let (Some(cell), Some(origin)) = (self.positions_mm.get_mut(frame, marker), self.origins.get_mut(frame, marker)) else {
-            return false;
-        };
-        if *origin != Origin::Missing {
-            return false;
-        }
-        *cell = position_mm;
+        let Some(origin) = self.origins.get_mut(frame, marker).filter(|origin| **origin == Origin::Missing) else { return false };
+        *origin = Origin::Repaired;
+        let mut position_mm = position_mm;
         if let Some(given) = self.given_mm.get(&(frame, marker)) {
-            for (x, given) in cell.iter_mut().zip(given).filter(|(_, given)| given.is_finite()) {
+            for (x, given) in position_mm.iter_mut().zip(given).filter(|(_, given)| given.is_finite()) {
                 *x = *given;
             }
         }
-        *origin = Origin::Repaired;
+        self.filled_mm.insert((frame, marker), position_mm);
         true
     }
 
@@ -239,7 +243,9 @@ impl Take {
 /// Builds a take, cell by cell. Every cell is [`Origin::Missing`] until it is set.
 #[derive(Clone, Debug)]
 pub struct TakeBuilder {
+    /// Without positions, which come when it is built.
     take: Take,
+    positions: Positions,
     missing: Samples,
 }
 
@@ -253,11 +259,14 @@ impl TakeBuilder {
                 first_frame: 1,
                 unit: Unit::Millimetre,
                 up: None,
+                filled_by: None,
                 markers,
-                positions_mm: Grid::filled(frames, columns, [f64::NAN; 3]),
+                positions: Arc::new(Positions::new(0, 0)),
                 origins: Grid::filled(frames, columns, Origin::Missing),
+                filled_mm: BTreeMap::new(),
                 given_mm: BTreeMap::new(),
             },
+            positions: Positions::new(frames, columns),
             missing: Samples::default(),
         }
     }
@@ -266,6 +275,13 @@ impl TakeBuilder {
     #[must_use]
     pub fn missing(mut self, missing: &Samples) -> Self {
         self.missing = missing.clone();
+        self
+    }
+
+    /// Says that coordinates will be 32-bit numbers times this many mm, so that they need less memory. Others may be set all the same.
+    #[must_use]
+    pub fn multiples_of_mm(mut self, step_mm: f64) -> Self {
+        self.positions.expect_step(step_mm);
         self
     }
 
@@ -310,9 +326,21 @@ impl TakeBuilder {
         if !position_mm.iter().all(|x| x.is_finite()) || origin == Origin::Missing {
             return;
         }
-        if let (Some(cell), Some(from)) = (self.take.positions_mm.get_mut(frame, marker), self.take.origins.get_mut(frame, marker)) {
-            *cell = position_mm;
+        if let Some(from) = self.take.origins.get_mut(frame, marker) {
             *from = origin;
+            self.positions.set(frame, marker, position_mm);
+        }
+    }
+
+    /// Sets a sample to multiples of `step_mm`, as [`set`](Self::set) would; cheaper if it is the step of [`multiples_of_mm`](Self::multiples_of_mm).
+    #[inline]
+    pub fn set_multiples(&mut self, frame: usize, marker: usize, multiples: [f32; 3], step_mm: f64, origin: Origin) {
+        if !multiples.iter().all(|x| x.is_finite()) || !step_mm.is_finite() || origin == Origin::Missing {
+            return;
+        }
+        if let Some(from) = self.take.origins.get_mut(frame, marker) {
+            *from = origin;
+            self.positions.set_multiples(frame, marker, multiples, step_mm);
         }
     }
 
@@ -324,8 +352,7 @@ impl TakeBuilder {
 
     /// Makes a sample missing again.
     pub fn hide(&mut self, frame: usize, marker: usize) {
-        if let (Some(cell), Some(from)) = (self.take.positions_mm.get_mut(frame, marker), self.take.origins.get_mut(frame, marker)) {
-            *cell = [f64::NAN; 3];
+        if let Some(from) = self.take.origins.get_mut(frame, marker) {
             *from = Origin::Missing;
         }
     }
@@ -337,13 +364,18 @@ impl TakeBuilder {
                 self.hide(frame, marker);
             }
         }
+        self.take.positions = Arc::new(self.positions);
         self.take
     }
 }
 
 impl From<Take> for TakeBuilder {
-    fn from(take: Take) -> Self {
-        Self { take, missing: Samples::default() }
+    fn from(mut take: Take) -> Self {
+        let mut positions = Arc::unwrap_or_clone(std::mem::replace(&mut take.positions, Arc::new(Positions::new(0, 0))));
+        for ((frame, marker), position_mm) in std::mem::take(&mut take.filled_mm) {
+            positions.set(frame, marker, position_mm);
+        }
+        Self { take, positions, missing: Samples::default() }
     }
 }
 

@@ -65,16 +65,17 @@ pub fn convert(wanted: &Conversion) -> Result<Converted, RepairError> {
         _ if same => Way::Patched,
         _ => Way::New(opened.format),
     };
-    let file = output::write(way, &opened, &take, &wanted.reading.stated, &wanted.output)?;
+    let Opened { format: input, document, notes, .. } = opened;
+    let file = output::write(way, input, document, &notes, &take, &wanted.reading.stated, &wanted.output)?;
     staging::publish(file, &wanted.output).map_err(|e| output::unwritable(&wanted.output, &e))?;
     let (to, copied) = match way {
-        Way::Patched => (opened.format, true),
+        Way::Patched => (input, true),
         Way::New(to) => (to, false),
     };
     Ok(Converted {
         input: wanted.input.clone(),
         output: wanted.output.clone(),
-        from: opened.format.info().name,
+        from: input.info().name,
         to: to.info().name,
         copied: copied && !wanted.reading.float && compression::is_named(&wanted.input) == compression::is_named(&wanted.output),
         markers: take.markers.iter().filter(|m| m.role == Role::Marker).count(),
@@ -82,7 +83,7 @@ pub fn convert(wanted: &Conversion) -> Result<Converted, RepairError> {
         rate_hz: take.rate_hz,
         unit: take.unit,
         up: take.up,
-        notes: opened.notes.take(),
+        notes: notes.take(),
     })
 }
 

@@ -1,11 +1,11 @@
 //! Where a take is written: names that may be used, the format, the bytes, and the proof that they are right.
 
 use crate::compression;
-use crate::input::{Opened, expand, plain};
+use crate::input::{expand, plain};
 use crate::repair::RepairError;
 use crate::staging;
 use crate::verify::verify;
-use formats::{Format, FormatError, Samples, Stated, Take};
+use formats::{Document, Format, FormatError, Notes, Samples, Stated, Take};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
@@ -30,35 +30,44 @@ pub fn way(output: &Path, input: &'static dyn Format) -> Way {
 }
 
 /// Writes `take` into a hidden file beside `output`, opens that again and holds it against the take.
-/// Only the name is missing then. With [`Way::Patched`] `take` is the opened take with some samples filled.
+/// Only the name is missing then. With [`Way::Patched`] `take` is the take of `document`, which `input` opened, with some samples filled.
 ///
 /// # Errors
 /// The take cannot be written so, or the written file is not what it should be.
-pub fn write(way: Way, opened: &Opened, take: &Take, stated: &Stated, output: &Path) -> Result<NamedTempFile, RepairError> {
+pub fn write(
+    way: Way,
+    input: &'static dyn Format,
+    document: Box<dyn Document>,
+    notes: &Notes,
+    take: &Take,
+    stated: &Stated,
+    output: &Path,
+) -> Result<NamedTempFile, RepairError> {
     let mut file = staging::beside(output).map_err(|e| unwritable(output, &e))?;
     let format = match way {
-        Way::Patched => opened.format,
+        Way::Patched => input,
         Way::New(format) => format,
     };
     let io_error = |e: io::Error| FormatError::io(format.info().name, e);
     let written = {
         let mut out = io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
         let result = compression::through(&mut out, compression::is_named(output), io_error, |out| match way {
-            Way::Patched => opened.document.save(take, out, &opened.notes),
+            Way::Patched => document.save(take, out, notes),
             Way::New(format) => {
-                for what in opened.document.beyond_take() {
-                    opened.notes.not_expressible(format.info(), what);
+                for what in document.beyond_take() {
+                    notes.not_expressible(format.info(), what);
                 }
-                format.create(take, out, &opened.notes)
+                format.create(take, out, notes)
             }
         });
         result.and_then(|()| out.flush().map_err(io_error))
     };
     written.map_err(|error| RepairError::Format { path: output.to_owned(), error })?;
+    let patched = matches!(way, Way::Patched).then(|| document.leeway(&notes.take()));
+    drop(document); // the bytes that were read: there must be room for those that were written
     file.as_file().sync_all().map_err(|e| unwritable(output, &e))?;
     let back = std::fs::read(file.path()).map_err(|e| unwritable(output, &e))?;
     let back = expand(back, output)?;
-    let patched = matches!(way, Way::Patched).then(|| opened.document.leeway(&opened.notes.take()));
     let stated = if patched.is_some() { Stated { missing: Samples::new(), ..stated.clone() } } else { Stated::default() };
     verify(back, format, &stated, take, patched).map_err(|error| RepairError::Verify { path: output.to_owned(), error })?;
     Ok(file)

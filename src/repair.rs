@@ -174,6 +174,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
             report.stages = solved.stages.iter().map(StageReport::new).collect();
             let estimate = &solved.estimate;
             report.samples = fills::fill(&mut repaired, &problem, estimate, &found, &mut decisions, request.policy.max_sigma_mm);
+            repaired.filled_by = Some(request.method.name().to_owned());
             report.explain(&problem, &solved.explanations, before);
         } else {
             for decision in decisions.iter_mut().filter(|d| d.is_ok()) {
@@ -183,7 +184,8 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
         report.attach_explanations(&found);
         report.judge_bones(&bones, &repaired, request.hard());
-        write_out(request, &opened, &repaired, log, &mut report)?;
+        drop(problem); // as large as the take, and of no more use
+        return write_out(request, opened, &repaired, log, report);
     }
     report.notes = opened.notes.take();
     Ok(report)
@@ -291,9 +293,11 @@ fn start_log(request: &Request, opened: &Opened, bones: &[Bone], report: &mut Re
 }
 
 /// Writes the output, proves it, and puts everything in place: the table and the log first, the output last.
-fn write_out(request: &Request, opened: &Opened, repaired: &Take, log: Option<McapLog>, report: &mut Report) -> Result<(), RepairError> {
+fn write_out(request: &Request, opened: Opened, repaired: &Take, log: Option<McapLog>, mut report: Report) -> Result<Report, RepairError> {
+    let Opened { format: input, document, notes, sha256 } = opened;
     let output = &request.output;
-    let file = crate::output::write(crate::output::way(output, opened.format), opened, repaired, &request.reading.stated, output)?;
+    let way = crate::output::way(output, input);
+    let file = crate::output::write(way, input, document, &notes, repaired, &request.reading.stated, output)?;
 
     // From here on everything is written; what remains are names.
     let mut placed = Placed::default();
@@ -316,12 +320,13 @@ fn write_out(request: &Request, opened: &Opened, repaired: &Take, log: Option<Mc
         // whoever may not read the original may not read the repaired take either
         let same = std::fs::metadata(&request.input).and_then(|input| file.as_file().set_permissions(input.permissions()));
         same.map_err(|e| unwritable(output, &e))?;
-        keep_original(request, &opened.sha256).and_then(|kept| placed.add(&kept, Ok(())))?;
+        keep_original(request, &sha256).and_then(|kept| placed.add(&kept, Ok(())))?;
     }
     staging::publish(file, output).map_err(|e| unwritable(output, &e))?;
     placed.0.clear();
     report.output = Some(output.clone());
-    Ok(())
+    report.notes = notes.take();
+    Ok(report)
 }
 
 /// Files that already have their final names; taken away again if the output does not follow.

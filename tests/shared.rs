@@ -91,6 +91,12 @@ fn c3d(path: &Path, row: &Row) -> Result<(), Failed> {
         return Err("saving the unchanged take changes the file".into());
     }
 
+    // As floats, if it stores integers.
+    if let Some(floats) = document.as_floats()? {
+        let again = formats::c3d::C3d.open(floats, &Stated::default(), &Notes::new())?;
+        same_take(again.take(), take)?;
+    }
+
     // And as a file of our own.
     let mut created = Vec::new();
     formats::c3d::C3d.create(take, &mut created, &Notes::new())?;
@@ -182,6 +188,25 @@ fn bvh(path: &Path, row: &Row) -> Result<(), Failed> {
     for frame in 0..take.frames() {
         for marker in 0..take.markers.len() {
             expect("a sample of the created file", again.take().position_mm(frame, marker), take.position_mm(frame, marker))?;
+        }
+    }
+    Ok(())
+}
+
+/// What floats keep of integers: everything, up to the last bit of a 32-bit number.
+fn same_take(floats: &Take, integers: &Take) -> Result<(), Failed> {
+    let facts = |take: &Take| (take.frames(), take.first_frame, take.markers.clone(), take.unit);
+    if facts(floats) != facts(integers) {
+        return Err("as floats, it is another take".into());
+    }
+    expect("rate as floats", floats.rate_hz, integers.rate_hz)?;
+    for f in 0..integers.frames() {
+        for m in 0..integers.markers.len() {
+            expect("origin as floats", floats.origin(f, m), integers.origin(f, m))?;
+            let (is, was) = (floats.position_mm(f, m).unwrap_or_default(), integers.position_mm(f, m).unwrap_or_default());
+            if (0..3).any(|k| (is[k] - was[k]).abs() > 6e-8 * was[k].abs()) {
+                return Err(format!("as floats, sample {m} of frame {f} is {is:?} instead of {was:?}").into());
+            }
         }
     }
     Ok(())

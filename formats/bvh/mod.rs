@@ -75,7 +75,7 @@ impl Format for Bvh {
         if head.claimed != frames as u64 {
             notes.add(Note::FrameCount { claimed: head.claimed, present: frames as u64 });
         }
-        let rate_hz = stated.rate_hz.or(head.rate_hz).unwrap_or_else(|| {
+        let rate_hz = stated.rate_hz.or(head.rate_hz).filter(|r| crate::is_a_rate(*r)).unwrap_or_else(|| {
             notes.add(Note::RateAssumed { rate_hz: ASSUMED_RATE_HZ });
             ASSUMED_RATE_HZ
         });

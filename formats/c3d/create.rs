@@ -3,7 +3,7 @@
 //! | part | content |
 //! | --- | --- |
 //! | header | one block |
-//! | parameters | POINT, ANALOG (nothing used), TRIAL |
+//! | parameters | POINT, ANALOG and FORCE_PLATFORM (nothing used), TRIAL, MOCAPREPAIR (who made the file, and how much of it) |
 //! | data | per frame and point: x, y, z in the take's own unit and the fourth word, as 32-bit floats |
 //!
 //! The data are not padded to a whole block: padding looks like frames to readers that trust the size of the file where there are more
@@ -11,12 +11,15 @@
 //!
 //! The fourth word is 1 for a measured sample (no camera mask, a residual of one scale step), 0 for a derived or repaired one
 //! ("interpolated"), and −1 with zero coordinates for a missing one.
+//! Parameters that say nothing here are written nevertheless if the C3D user guide has them and programs look for them: some readers ask for
+//! ANALOG:SCALE or FORCE_PLATFORM:TYPE before they ask whether there is anything to scale.
+//!
 //! The scale is the largest coordinate / 32000 as the C3D user guide asks for, so that programs which convert to integers can.
 
 use super::parameters::BLOCK;
 use super::points::NOT_THE_ORIGIN;
 use super::{INFO, NAME};
-use crate::{Direction, FormatError, Marker, Notes, Origin, Place, Role, Take};
+use crate::{Direction, FormatError, Notes, Origin, Place, Role, Take};
 use std::collections::BTreeSet;
 use std::io::Write;
 
@@ -25,6 +28,15 @@ const LABELS_PER_LIST: usize = 255;
 
 /// Bytes of text per parameter. Many readers take the step to the next record as signed.
 const TEXT_PER_LIST: usize = 32_000;
+
+/// The type of a parameter of 16-bit words.
+const WORD: i8 = 2;
+
+/// The type of a parameter of 32-bit floats.
+const FLOAT: i8 = 4;
+
+/// In word 150 of the header: event labels have four characters.
+const EVENT_KEY: u16 = 12345;
 
 /// The parameter section under construction.
 #[derive(Default)]
@@ -57,11 +69,16 @@ impl Records {
     fn words(&mut self, group: u8, name: &str, words: &[u16]) {
         let data: Vec<u8> = words.iter().flat_map(|w| w.to_le_bytes()).collect();
         let dimensions = if words.len() == 1 { vec![] } else { vec![words.len() as u8] };
-        self.parameter(group, name, 2, &dimensions, &data);
+        self.parameter(group, name, WORD, &dimensions, &data);
+    }
+
+    /// A list or table of this type that has a dimension of 0.
+    fn none(&mut self, group: u8, name: &str, kind: i8, dimensions: &[u8]) {
+        self.parameter(group, name, kind, dimensions, &[]);
     }
 
     fn float(&mut self, group: u8, name: &str, value: f32) {
-        self.parameter(group, name, 4, &[], &value.to_le_bytes());
+        self.parameter(group, name, FLOAT, &[], &value.to_le_bytes());
     }
 
     fn text(&mut self, group: u8, name: &str, text: &str) {
@@ -87,13 +104,13 @@ impl Records {
     }
 }
 
-/// The first 255 bytes of a label, cut between two characters.
-fn label(marker: &Marker) -> &str {
-    let mut end = marker.label.len().min(255);
-    while !marker.label.is_char_boundary(end) {
+/// The first 255 bytes of a text, cut between two characters.
+fn cut(text: &str) -> &str {
+    let mut end = text.len().min(255);
+    while !text.is_char_boundary(end) {
         end -= 1;
     }
-    marker.label.get(..end).unwrap_or("")
+    text.get(..end).unwrap_or("")
 }
 
 /// Notes what a C3D cannot say about this take.
@@ -154,7 +171,7 @@ pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<
             format!("{} markers are more than the 65535 of a C3D; leave some out", take.markers.len()),
         )
     })?;
-    let labels: Vec<&str> = take.markers.iter().map(label).collect();
+    let labels: Vec<&str> = take.markers.iter().map(|m| cut(&m.label)).collect();
     note_losses(take, &labels, notes);
     let numbers = FrameNumbers::new(take, notes)?;
     let scale = scale(take)?;
@@ -191,6 +208,7 @@ pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<
     put(16, &(block as u16).to_le_bytes());
     put(18, &1u16.to_le_bytes()); // analog samples per frame: none, but 1 is what the two rates say
     put(20, &rate.to_le_bytes());
+    put(298, &EVENT_KEY.to_le_bytes()); // word 150; there are no events, and no labels with a range (word 148)
     put(BLOCK, &[1, 0x50, (block - 2) as u8, 84]);
     put(BLOCK + 4, &records.bytes);
 
@@ -242,6 +260,8 @@ fn parameters(take: &Take, labels: &[&str], numbers: &FrameNumbers, scale: f32, 
     const POINT: u8 = 1;
     const ANALOG: u8 = 2;
     const TRIAL: u8 = 3;
+    const FORCE_PLATFORM: u8 = 4;
+    const MOCAPREPAIR: u8 = 5;
     let mut r = Records::default();
     r.group(POINT, "POINT");
     r.words(POINT, "USED", &[word(take.markers.len())]);
@@ -271,8 +291,31 @@ fn parameters(take: &Take, labels: &[&str], numbers: &FrameNumbers, scale: f32, 
     r.words(ANALOG, "USED", &[0]);
     r.float(ANALOG, "RATE", take.rate_hz as f32);
     r.float(ANALOG, "GEN_SCALE", 1.0);
+    r.none(ANALOG, "SCALE", FLOAT, &[0]);
+    r.none(ANALOG, "OFFSET", WORD, &[0]);
+    for name in ["LABELS", "DESCRIPTIONS", "UNITS"] {
+        r.texts(ANALOG, name, &[]);
+    }
     r.group(TRIAL, "TRIAL");
     r.words(TRIAL, "ACTUAL_START_FIELD", &FrameNumbers::words(numbers.first));
     r.words(TRIAL, "ACTUAL_END_FIELD", &FrameNumbers::words(numbers.last));
+    r.group(FORCE_PLATFORM, "FORCE_PLATFORM");
+    r.words(FORCE_PLATFORM, "USED", &[0]);
+    r.none(FORCE_PLATFORM, "TYPE", WORD, &[0]);
+    r.words(FORCE_PLATFORM, "ZERO", &[1, 0]);
+    r.none(FORCE_PLATFORM, "CORNERS", FLOAT, &[3, 4, 0]);
+    r.none(FORCE_PLATFORM, "ORIGIN", FLOAT, &[3, 0]);
+    r.none(FORCE_PLATFORM, "CHANNEL", WORD, &[6, 0]);
+    r.group(MOCAPREPAIR, "MOCAPREPAIR");
+    r.text(MOCAPREPAIR, "VERSION", env!("CARGO_PKG_VERSION"));
+    if let Some(method) = &take.filled_by {
+        r.text(MOCAPREPAIR, "METHOD", cut(method));
+    }
+    r.float(MOCAPREPAIR, "FILLED", filled(take) as f32);
     r
+}
+
+/// How many samples were filled.
+fn filled(take: &Take) -> usize {
+    (0..take.frames()).map(|f| (0..take.markers.len()).filter(|&m| take.origin(f, m) == Origin::Repaired).count()).sum()
 }

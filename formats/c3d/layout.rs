@@ -56,6 +56,16 @@ pub(super) struct Layout {
     pub first_frame: i64,
 }
 
+impl Layout {
+    /// The length of a stored 1 in mm, where `mm` is the length of the file's unit.
+    pub fn step_mm(&self, mm: f64) -> f64 {
+        match self.storage {
+            Storage::Float => mm,
+            Storage::Integer => self.scale * mm,
+        }
+    }
+}
+
 /// One claim about the number of frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Claim {

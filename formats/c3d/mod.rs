@@ -5,6 +5,7 @@
 //! samples, events, force platforms, groups of other programs, trailing bytes) stays as it was by construction.
 
 mod create;
+mod floats;
 mod layout;
 mod parameters;
 mod points;
@@ -67,9 +68,14 @@ impl Format for C3d {
         let unit = stated.unit.unwrap_or_else(|| unit(&parameters, &roles, notes));
         let rate_hz = stated.rate_hz.unwrap_or_else(|| rate_hz(&parameters, notes));
         let up = parameters.texts("POINT", "Y_SCREEN").and_then(|t| Direction::parse(t.first()?));
-        let builder =
-            TakeBuilder::new(markers, layout.frames, rate_hz).first_frame(layout.first_frame).unit(unit).up(up).missing(&stated.missing);
-        let (take, largest_mm) = points::read(&layout, &bytes, builder, &roles, unit.mm(), notes);
+        let step_mm = layout.step_mm(unit.mm());
+        let builder = TakeBuilder::new(markers, layout.frames, rate_hz)
+            .first_frame(layout.first_frame)
+            .unit(unit)
+            .up(up)
+            .missing(&stated.missing)
+            .multiples_of_mm(step_mm);
+        let (take, largest_mm) = points::read(&layout, &bytes, builder, &roles, step_mm, notes);
         Ok(Box::new(C3dDocument { bytes, layout, take, largest_mm }))
     }
 
@@ -128,7 +134,7 @@ fn unit(p: &Parameters<'_>, roles: &[Role], notes: &Notes) -> Unit {
 
 /// Frames per second: the parameter, else the header, else a guess.
 fn rate_hz(p: &Parameters<'_>, notes: &Notes) -> f64 {
-    let good = |x: &f64| x.is_finite() && *x > 0.0;
+    let good = |x: &f64| crate::is_a_rate(*x);
     let parameter = p.number("POINT", "RATE").filter(good);
     let header = Some(f64::from(p.header.rate)).filter(good);
     match (parameter, header) {
@@ -194,6 +200,10 @@ impl Document for C3dDocument {
             written = patch.offset + patch.bytes().len();
         }
         out.write_all(self.bytes.get(written..).unwrap_or(&[])).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+    }
+
+    fn as_floats(&self) -> Result<Option<Vec<u8>>, FormatError> {
+        floats::convert(&self.layout, &self.bytes)
     }
 
     fn rounding_mm(&self) -> f64 {

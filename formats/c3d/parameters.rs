@@ -217,9 +217,15 @@ impl<'a> Parameters<'a> {
         }
     }
 
-    /// The parameter of this name (upper case) in the group of this name.
+    /// The parameters of this name (upper case) in the group of this name.
+    fn named(&self, group: &str, name: &str) -> impl Iterator<Item = &Parameter> {
+        let in_group = move |p: &Parameter| self.groups.iter().find(|(id, _)| *id == p.group).is_some_and(|(_, g)| g == group);
+        self.records.iter().filter(move |p| p.name == name && in_group(p))
+    }
+
+    /// The first of them.
     fn find(&self, group: &str, name: &str) -> Option<&Parameter> {
-        self.records.iter().find(|p| p.name == name && self.groups.iter().find(|(id, _)| *id == p.group).is_some_and(|(_, g)| g == group))
+        self.named(group, name).next()
     }
 
     /// True if there is a group of this name.
@@ -247,6 +253,12 @@ impl<'a> Parameters<'a> {
     /// The first number of a parameter, if it is finite.
     pub fn number(&self, group: &str, name: &str) -> Option<f64> {
         self.numbers(group, name, 1).first().copied().filter(|x| x.is_finite())
+    }
+
+    /// Where the first float of each parameter of this name is in the file; names may occur twice.
+    pub fn floats_at(&self, group: &str, name: &str) -> Vec<usize> {
+        let floats = |p: &&Parameter| p.kind == 4 && p.data.len() >= 4;
+        self.named(group, name).filter(floats).map(|p| p.data.start).collect()
     }
 
     /// The texts of a parameter without trailing padding. `None` if there is no such parameter or it is no text.

@@ -86,6 +86,27 @@ fn a_repair_changes_the_filled_samples_and_no_other_byte() {
     assert!(apart <= document.rounding_mm());
 }
 
+#[test]
+fn a_new_file_says_who_filled_it() {
+    let mut b = walk(8);
+    b.hide(3, 0);
+    b.hide(4, 1);
+    let mut take = b.build();
+    assert!(take.fill(3, 0, [1.5, 2.5, 3.5]));
+    take.filled_by = Some("lds".to_owned());
+    let (bytes, _) = create(&take);
+    let (again, _) = create(&take);
+    assert_eq!(bytes, again, "no dates");
+    let p = Parameters::read(&bytes, &Notes::new()).unwrap();
+    assert_eq!(p.texts("MOCAPREPAIR", "VERSION").unwrap(), [env!("CARGO_PKG_VERSION")]);
+    assert_eq!(p.texts("MOCAPREPAIR", "METHOD").unwrap(), ["lds"]);
+    assert_eq!(p.number("MOCAPREPAIR", "FILLED"), Some(1.0));
+    for (group, name) in [("ANALOG", "SCALE"), ("ANALOG", "OFFSET"), ("FORCE_PLATFORM", "CORNERS"), ("FORCE_PLATFORM", "TYPE")] {
+        assert!(p.numbers(group, name, 1).is_empty(), "{group}:{name}");
+    }
+    assert!(Parameters::read(&create(&walk(1).build()).0, &Notes::new()).unwrap().texts("MOCAPREPAIR", "METHOD").is_none());
+}
+
 /// An Intel file of integers: one point, `samples` frames, step 0.1 mm.
 fn integers(samples: &[[i16; 4]]) -> Vec<u8> {
     let mut b = TakeBuilder::new(vec![Marker::new("A")], samples.len(), 50.0);
@@ -118,8 +139,49 @@ fn integers_are_rounded_and_never_wrapped() {
     far.fill(2, 0, [0.0, -3276.9, 0.0]);
     let mut out = Vec::new();
     let error = document.save(&far, &mut out, &Notes::new()).unwrap_err().to_string();
-    assert!(error.contains("the filled y of A in frame 3 is -3276.9 mm, beyond the \u{b1}3276.7 mm") && error.contains(".csv"), "{error}");
+    assert!(
+        error.contains("the filled y of A in frame 3 is -3276.9 mm, beyond the \u{b1}3276.7 mm") && error.contains("--float"),
+        "{error}"
+    );
     assert!(out.is_empty(), "nothing is written before all is known to fit");
+}
+
+#[test]
+fn integers_become_floats_and_hold_what_integers_could_not() {
+    let bytes = integers(&[[10, 20, -30, 1], [7, 8, 9, -1], [0, 0, 0, -32768], [32767, 50, 60, 0x301], [1, 0, 0, 0]]);
+    let (document, notes) = open(&bytes).unwrap();
+    let floats = document.as_floats().unwrap().unwrap();
+    assert_eq!(floats.len(), bytes.len() + 5 * 8);
+    let changed: Vec<usize> = (0..bytes.len() - 5 * 8).filter(|&i| floats[i] != bytes[i]).collect();
+    assert_eq!(changed.len(), 2, "the signs of two scales: {changed:?}");
+    let scale = f64::from(0.1f32);
+    let words: Vec<f32> = floats[bytes.len() - 5 * 8..].as_chunks().0.iter().map(|b| f32::from_le_bytes(*b)).collect();
+    assert_eq!(
+        words[..8],
+        [
+            (10.0 * scale) as f32,
+            (20.0 * scale) as f32,
+            (-30.0 * scale) as f32,
+            1.0,
+            (7.0 * scale) as f32,
+            (8.0 * scale) as f32,
+            (9.0 * scale) as f32,
+            -1.0
+        ]
+    );
+    assert_eq!([words[11], words[15], words[19]], [-32768.0, 769.0, 0.0]);
+
+    let (again, notes_again) = open(&floats).unwrap();
+    assert_eq!(notes, notes_again);
+    assert!(again.as_floats().unwrap().is_none(), "these are floats");
+    for f in 0..5 {
+        assert_eq!(again.take().origin(f, 0), document.take().origin(f, 0));
+    }
+    let mut far = again.take().clone();
+    assert!(far.fill(2, 0, [0.0, -3276.9, 1e6]));
+    let mut out = Vec::new();
+    again.save(&far, &mut out, &Notes::new()).unwrap();
+    assert_eq!(open(&out).unwrap().0.take().position_mm(2, 0), Some([0.0, f64::from(-3276.9f32), 1e6]));
 }
 
 #[test]
@@ -292,6 +354,10 @@ fn damage_never_panics_and_never_invents() {
             assert_eq!(out.len(), bytes.len());
         }
         let _ = C3d.create(take, &mut Vec::new(), &Notes::new());
+        if let Ok(Some(floats)) = document.as_floats() {
+            let again = open(&floats).unwrap().0;
+            assert_eq!((again.take().frames(), again.take().markers.len()), (take.frames(), take.markers.len()));
+        }
     }
     assert!(opened > 2000, "only {opened} of the damaged files opened: this test sees too little");
 }

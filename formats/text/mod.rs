@@ -25,7 +25,7 @@ pub(crate) mod table;
 pub(crate) mod titles;
 pub(crate) mod wide;
 
-use crate::{FormatError, Note, Notes, Stated, Take, Unit};
+use crate::{FormatError, Note, Notes, Stated, Take, Unit, is_a_rate};
 use save::Opened;
 use std::collections::BTreeSet;
 use wide::Rows;
@@ -58,11 +58,11 @@ pub(crate) fn finish(
     stated: &Stated,
     notes: &Notes,
 ) -> Result<(Take, Opened), FormatError> {
-    let rate_hz = match stated.rate_hz.or(said.rate_hz) {
+    let rate_hz = match stated.rate_hz.or(said.rate_hz.filter(|r| is_a_rate(*r))) {
         Some(rate_hz) => Some(rate_hz),
         None => rows.clock.rate_hz(rows.frame_step, sheet.has(Column::Frame), notes)?,
     };
-    let rate_hz = rate_hz.unwrap_or_else(|| {
+    let rate_hz = rate_hz.filter(|r| is_a_rate(*r)).unwrap_or_else(|| {
         notes.add(Note::RateAssumed { rate_hz: ASSUMED_RATE_HZ });
         ASSUMED_RATE_HZ
     });

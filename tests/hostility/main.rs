@@ -155,7 +155,9 @@ fn main() {
     let mut trials = Vec::new();
     for format in formats::ALL {
         let name = format.info().name;
-        let fixtures = files(&root().join("fixtures").join(name));
+        let mut fixtures = files(&root().join("fixtures").join(name));
+        // what is refused as it is seldom gets far
+        fixtures.retain(|path| path.components().any(|c| c.as_os_str() == "good" || c.as_os_str() == "odd"));
         let count = all.div_ceil(formats::ALL.len());
         trials.push(Trial::test(format!("{name}: {count} damaged files"), move || mutations(name, &fixtures, count, program)));
     }
