@@ -19,6 +19,8 @@ mod note;
 mod samples;
 mod take;
 mod text;
+pub mod trc;
+pub mod tsv;
 
 pub use error::{FormatError, Place, Problem};
 pub use grid::Grid;
@@ -29,7 +31,7 @@ pub use take::{Direction, Marker, Origin, Role, Take, TakeBuilder, Unit};
 use std::io::Write;
 
 /// Every format, in the order in which they are asked.
-pub static ALL: &[&dyn Format] = &[&c3d::C3d, &csv::Csv];
+pub static ALL: &[&dyn Format] = &[&c3d::C3d, &csv::Csv, &trc::Trc, &tsv::Tsv];
 
 /// The largest file that is read, in bytes.
 pub const LARGEST_FILE: u64 = 4 << 30;
@@ -144,7 +146,7 @@ pub enum DetectError {
     },
 }
 
-/// The format that an extension (without the dot, any case) belongs to; the first of several.
+/// The format that an extension (without the dot, any case) belongs to; of several the one that usually has it, else the first.
 pub fn by_extension(extension: &str) -> Option<&'static dyn Format> {
     named(extension).first().copied()
 }
@@ -152,7 +154,9 @@ pub fn by_extension(extension: &str) -> Option<&'static dyn Format> {
 /// The formats that an extension (without the dot, any case) may belong to.
 fn named(extension: &str) -> Vec<&'static dyn Format> {
     let extension = extension.to_ascii_lowercase();
-    ALL.iter().copied().filter(|f| f.info().extensions.contains(&extension.as_str())).collect()
+    let mut named: Vec<_> = ALL.iter().copied().filter(|f| f.info().extensions.contains(&extension.as_str())).collect();
+    named.sort_by_key(|f| f.info().extensions.first() != Some(&extension.as_str())); // stable: first those that usually have it
+    named
 }
 
 /// Chooses the format by content. The extension (without the dot) breaks ties, and must not contradict the content.

@@ -5,9 +5,8 @@
 //! Numbers have the fewest digits that read back as the same number; missing samples are empty cells.
 
 use super::{INFO, NAME};
-use crate::text::clock::simplest_rate;
-use crate::text::number;
-use crate::{FormatError, Notes, Origin, Place, Role, Take};
+use crate::text::write::{columns, in_unit, time, time_decimals};
+use crate::{FormatError, Notes, Place, Take};
 use std::collections::BTreeSet;
 use std::io::{self, BufWriter, Write};
 
@@ -39,23 +38,9 @@ pub fn create_long(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<()
 
 /// The columns of the take that can be written; what cannot is noted.
 fn writable(take: &Take, notes: &Notes) -> Result<Vec<usize>, FormatError> {
-    let columns: Vec<usize> = take.markers.iter().enumerate().filter(|(_, m)| m.role == Role::Marker).map(|(column, _)| column).collect();
-    if columns.is_empty() {
-        return Err(FormatError::unsupported(NAME, Place::Whole, "the take has no markers, so there is nothing to write"));
-    }
-    let outputs = take.markers.len() - columns.len();
-    if outputs > 0 {
-        notes.not_expressible(&INFO, format!("{outputs} columns of model outputs"));
-    }
-    if let Some(up) = take.up {
-        notes.not_expressible(&INFO, format!("which axis points up ({up})"));
-    }
+    let columns = columns(&INFO, take, notes)?;
     if take.frames() < 2 {
         notes.not_expressible(&INFO, format!("the frame rate ({} Hz) of fewer than two frames", take.rate_hz));
-    }
-    let derived = columns.iter().map(|&c| (0..take.frames()).filter(|&f| take.origin(f, c) == Origin::Derived).count()).sum::<usize>();
-    if derived > 0 {
-        notes.not_expressible(&INFO, format!("that {derived} samples were filled or filtered before"));
     }
     Ok(columns)
 }
@@ -104,31 +89,9 @@ fn write_position(take: &Take, frame: usize, column: usize, out: &mut dyn Write)
     Ok(())
 }
 
-/// The number of units that gives `mm` back when it is multiplied by `unit_mm`, if there is one; else the nearest.
-fn in_unit(mm: f64, unit_mm: f64) -> f64 {
-    let value = mm / unit_mm;
-    [value, value.next_up(), value.next_down()].into_iter().find(|v| v * unit_mm == mm).unwrap_or(value) + 0.0
-}
-
 /// A cell, in quotes if a reader would otherwise see something else.
 fn quoted(text: &str) -> String {
     let edge = |c: char| c == ' ' || c == '\t';
     let plain = !text.is_empty() && !text.contains([',', '"', '\n', '\r', ';', '\t']) && !text.starts_with(edge) && !text.ends_with(edge);
     if plain { text.to_owned() } else { format!("\"{}\"", text.replace('"', "\"\"")) }
-}
-
-/// Enough decimals of the times for the rate to be read back as it is; `None` for all that there are.
-fn time_decimals(take: &Take) -> Option<usize> {
-    let frames = take.frames().saturating_sub(1) as f64;
-    [3, 6, 9, 12].into_iter().find(|&decimals| {
-        let last = format!("{:.decimals$}", frames / take.rate_hz).parse::<f64>().unwrap_or(f64::NAN);
-        // Two frames closer than the last decimal would look like one.
-        let fine = 1.0 / take.rate_hz > 2.0 * number::step(decimals);
-        fine && simplest_rate(0.0, last, frames, number::step(decimals)) == take.rate_hz
-    })
-}
-
-fn time(take: &Take, frame: usize, decimals: Option<usize>) -> String {
-    let secs = frame as f64 / take.rate_hz;
-    decimals.map_or_else(|| format!("{secs}"), |decimals| format!("{secs:.decimals$}"))
 }

@@ -16,6 +16,8 @@ pub(super) struct Foreign {
     seems: &'static str,
     /// The way out.
     instead: &'static str,
+    /// True if it is read under another name.
+    elsewhere: bool,
 }
 
 /// The usual way out.
@@ -24,23 +26,26 @@ const AS_C3D: &str = "export the take as C3D, or as a table with the one header 
 impl Foreign {
     /// The error that refuses the file.
     pub fn refuse(self) -> FormatError {
-        FormatError::unsupported(NAME, Place::Whole, format!("this seems to be {}, which is not read; {}", self.seems, self.instead))
+        let but = if self.elsewhere { "which is another format" } else { "which is not read" };
+        FormatError::unsupported(NAME, Place::Whole, format!("this seems to be {}, {but}; {}", self.seems, self.instead))
     }
 }
 
 /// Names the flavour of a table that is none of ours, from its beginning.
 pub(super) fn recognise(bytes: &[u8]) -> Option<Foreign> {
-    let foreign = |seems, instead| Some(Foreign { seems, instead });
+    let foreign = |seems, instead| Some(Foreign { seems, instead, elsewhere: false });
+
     if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
         return foreign("text in UTF-16", "save it as UTF-8 (\"CSV UTF-8\" in Excel)");
     }
     let lines = first_lines(bytes);
     let cell = |line: usize, column: usize| lines.get(line).and_then(|l| l.get(column)).map_or("", String::as_str);
     let numeric = |text: &str| text.replace(',', ".").parse::<f64>().is_ok_and(f64::is_finite);
+    let elsewhere = |seems, instead| Some(Foreign { seems, instead, elsewhere: true });
     match cell(0, 0) {
         "Format Version" => return foreign("a CSV export of OptiTrack Motive", AS_C3D),
-        "PathFileType" => return foreign("an OpenSim TRC file", AS_C3D),
-        "NO_OF_FRAMES" => return foreign("a TSV export of Qualisys Track Manager", AS_C3D),
+        "PathFileType" => return elsewhere("an OpenSim TRC file", "name it .trc"),
+        "NO_OF_FRAMES" | "FILE_VERSION" => return elsewhere("a TSV export of Qualisys Track Manager", "name it .tsv"),
         "HIERARCHY" => return foreign("a BVH file", "name it .bvh"),
         "Trajectories" | "Model Outputs" | "Joints" | "Segments" | "Devices" if numeric(cell(1, 0)) => {
             return foreign("an ASCII export of Vicon Nexus", AS_C3D);

@@ -1,0 +1,76 @@
+//! What writers of new tables have in common: which columns they can write, and how numbers and times are spelled.
+
+use super::clock::simplest_rate;
+use super::number;
+use crate::{FormatError, FormatInfo, Notes, Origin, Place, Role, Take};
+
+/// The columns of the take that a table can hold; what it cannot is noted.
+///
+/// # Errors
+/// Unsupported if there are none.
+pub(crate) fn columns(info: &'static FormatInfo, take: &Take, notes: &Notes) -> Result<Vec<usize>, FormatError> {
+    let columns: Vec<usize> = take.markers.iter().enumerate().filter(|(_, m)| m.role == Role::Marker).map(|(column, _)| column).collect();
+    if columns.is_empty() {
+        return Err(FormatError::unsupported(info.name, Place::Whole, "the take has no markers, so there is nothing to write"));
+    }
+    let outputs = take.markers.len() - columns.len();
+    if outputs > 0 {
+        notes.not_expressible(info, format!("{outputs} columns of model outputs"));
+    }
+    if let Some(up) = take.up {
+        notes.not_expressible(info, format!("which axis points up ({up})"));
+    }
+    let derived = columns.iter().map(|&c| (0..take.frames()).filter(|&f| take.origin(f, c) == Origin::Derived).count()).sum::<usize>();
+    if derived > 0 {
+        notes.not_expressible(info, format!("that {derived} samples were filled or filtered before"));
+    }
+    Ok(columns)
+}
+
+/// Labels for a header without quotes: no blanks around them, no tabs, line ends or other control characters, none empty. What was changed is noted.
+pub(crate) fn plain_labels(info: &'static FormatInfo, take: &Take, columns: &[usize], notes: &Notes) -> Vec<String> {
+    let mut changed = Vec::new();
+    let mut labels = Vec::with_capacity(columns.len());
+    for (number, marker) in columns.iter().filter_map(|&c| take.markers.get(c)).enumerate() {
+        let mut label: String = marker.label.chars().map(|c| if c.is_control() { '_' } else { c }).collect();
+        label.truncate(label.trim_end().len());
+        label.drain(..label.len() - label.trim_start().len());
+        if label.is_empty() {
+            label = format!("unlabelled_{}", number + 1);
+        }
+        if label != marker.label {
+            changed.push(label.clone());
+        }
+        labels.push(label);
+    }
+    if !changed.is_empty() {
+        let names = changed.iter().take(8).map(String::as_str).collect::<Vec<_>>().join(", ");
+        let more = if changed.len() > 8 { ", ..." } else { "" };
+        let what = format!("{} labels that are empty or have tabs or line ends in them (now called {names}{more})", changed.len());
+        notes.not_expressible(info, what);
+    }
+    labels
+}
+
+/// The number of units that gives `mm` back when it is multiplied by `unit_mm`, if there is one; else the nearest. Never `-0`.
+pub(crate) fn in_unit(mm: f64, unit_mm: f64) -> f64 {
+    let value = mm / unit_mm;
+    [value, value.next_up(), value.next_down()].into_iter().find(|v| v * unit_mm == mm).unwrap_or(value) + 0.0
+}
+
+/// Enough decimals of the times for the rate to be read back as it is; `None` for all that there are.
+pub(crate) fn time_decimals(take: &Take) -> Option<usize> {
+    let frames = take.frames().saturating_sub(1) as f64;
+    [3, 6, 9, 12].into_iter().find(|&decimals| {
+        let last = format!("{:.decimals$}", frames / take.rate_hz).parse::<f64>().unwrap_or(f64::NAN);
+        // Two frames closer than the last decimal would look like one.
+        let fine = 1.0 / take.rate_hz > 2.0 * number::step(decimals);
+        fine && simplest_rate(0.0, last, frames, number::step(decimals)) == take.rate_hz
+    })
+}
+
+/// The time of `frame` in seconds; frame 0 is at 0.
+pub(crate) fn time(take: &Take, frame: usize, decimals: Option<usize>) -> String {
+    let secs = frame as f64 / take.rate_hz;
+    decimals.map_or_else(|| format!("{secs}"), |decimals| format!("{secs:.decimals$}"))
+}
