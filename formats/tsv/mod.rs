@@ -22,6 +22,7 @@ mod header;
 
 use crate::text::cut::{self, Whole};
 use crate::text::save::TextDocument;
+use crate::text::table::Blank;
 use crate::text::wide::{self, Rules};
 use crate::text::{self, Said};
 use crate::{Document, Format, FormatError, FormatInfo, Match, Note, Notes, Origin, Stated, Take, TakeBuilder, Unit};
@@ -75,7 +76,8 @@ fn open(bytes: Vec<u8>, stated: &Stated, notes: &Notes) -> Result<Box<dyn Docume
         notes.add(Note::Contradiction { text });
     }
     // QTM writes gaps as zeros unless it is told to write something else; a file that has something else has no zeros for gaps.
-    if rows.table.blanks.iter().all(|b| b.zero) {
+    let stated_missing = |b: &&Blank| stated.missing.contains(b.frame as usize, b.marker as usize);
+    if rows.table.blanks.iter().all(|b| b.zero || stated_missing(&b)) {
         rows.table.take_zeros_as_gaps(notes);
     }
     let said = Said { unit: Some(Unit::Millimetre), rate_hz: header.rate_hz };
