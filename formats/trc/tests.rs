@@ -172,7 +172,7 @@ fn what_is_created_suits_other_readers() {
 /// Memory belongs to bytes that are there, not to labels times rows.
 #[test]
 fn rows_without_cells_are_limited() {
-    let rows: String = (1..=4000).map(|f| format!("{f}\t0\n")).collect();
+    let rows: String = (1..=4000).flat_map(|f| [f.to_string(), "\t0\n".to_owned()]).collect();
     let text = format!("PathFileType\t4\nDataRate\tNumMarkers\n100\t9000\nFrame#\tTime\t{}\n{rows}", "A\t\t\t".repeat(9000));
     let message = error(&text);
     assert!(message.starts_with("trc: too many rows end long before the last marker"), "{message}");
