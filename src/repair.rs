@@ -11,6 +11,7 @@ use crate::verify::{Broken, verify};
 use crate::{fills, staging};
 use formats::{DetectError, Document, Format, FormatError, Notes, Role, Samples, Stated, Take};
 use sha2::{Digest, Sha256};
+use std::collections::BTreeSet;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -417,7 +418,8 @@ fn check_names(request: &Request) -> Result<(), RepairError> {
         && let Some(extension) = request.output.extension().and_then(|e| e.to_str())
         && formats::by_extension(extension).is_none()
     {
-        let known = formats::ALL.iter().flat_map(|f| f.info().extensions).map(|e| format!(".{e}")).collect::<Vec<_>>().join(", ");
+        let known: BTreeSet<String> = formats::ALL.iter().flat_map(|f| f.info().extensions).map(|e| format!(".{e}")).collect();
+        let known = known.into_iter().collect::<Vec<_>>().join(", ");
         return stop(&request.output, &format!("the extension .{extension} names no format that can be written; use one of: {known}"));
     }
     if !request.in_place && staging::same_file(&request.input, &request.output) {

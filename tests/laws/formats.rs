@@ -78,7 +78,8 @@ fn renamed(take: &Take, back: &Take, notes: &[Note]) -> Result<Take, TestCaseErr
     let mut renamed = take.clone();
     for (marker, now) in renamed.markers.iter_mut().zip(&back.markers).filter(|(m, _)| m.label.is_empty()) {
         prop_assert!(now.label.starts_with("unlabelled_"), "{}", now.label);
-        prop_assert!(notes.iter().any(|n| matches!(n, Note::NotExpressible { what, .. } if what.contains("labels that are empty"))));
+        let told = notes.iter().any(|n| matches!(n, Note::NotExpressible { what, .. } if what.contains("labels that are empty")));
+        prop_assert!(told, "{:?}", notes);
         marker.label.clone_from(&now.label);
     }
     Ok(renamed)
