@@ -23,6 +23,8 @@ mod positions;
 mod samples;
 mod take;
 mod text;
+pub mod trc;
+pub mod tsv;
 mod turn;
 
 pub use error::{FormatError, Place, Problem};
@@ -34,7 +36,7 @@ pub use take::{Direction, Marker, Origin, Role, Take, TakeBuilder, Unit};
 use std::io::Write;
 
 /// Every format, in the order in which they are asked.
-pub static ALL: &[&dyn Format] = &[&c3d::C3d, &csv::Csv, &motive::Motive, &nexus::Nexus, &bvh::Bvh];
+pub static ALL: &[&dyn Format] = &[&c3d::C3d, &csv::Csv, &motive::Motive, &nexus::Nexus, &trc::Trc, &tsv::Tsv, &bvh::Bvh];
 
 /// The largest file that is read, in bytes.
 pub const LARGEST_FILE: u64 = 4 << 30;
@@ -179,7 +181,7 @@ pub enum DetectError {
     },
 }
 
-/// The format that an extension (without the dot, any case) belongs to; the first of several.
+/// The format that an extension (without the dot, any case) belongs to; of several the one that usually has it, else the first.
 pub fn by_extension(extension: &str) -> Option<&'static dyn Format> {
     named(extension).first().copied()
 }
@@ -187,7 +189,9 @@ pub fn by_extension(extension: &str) -> Option<&'static dyn Format> {
 /// The formats that an extension (without the dot, any case) may belong to.
 fn named(extension: &str) -> Vec<&'static dyn Format> {
     let extension = extension.to_ascii_lowercase();
-    ALL.iter().copied().filter(|f| f.info().extensions.contains(&extension.as_str())).collect()
+    let mut named: Vec<_> = ALL.iter().copied().filter(|f| f.info().extensions.contains(&extension.as_str())).collect();
+    named.sort_by_key(|f| f.info().extensions.first() != Some(&extension.as_str())); // stable: first those that usually have it
+    named
 }
 
 /// Chooses the format by content. The extension (without the dot) breaks ties, and must not contradict the content.

@@ -59,7 +59,7 @@ pub fn convert(wanted: &Conversion) -> Result<Converted, RepairError> {
     let take = changed(wanted, &opened)?;
     let was = opened.document.take();
     let same = (take.unit, take.up) == (was.unit, was.up) && wanted.up.is_none() && wanted.reading.missing.is_empty();
-    let way = match (wanted.to, output::way(&wanted.output, opened.format)) {
+    let way = match (wanted.to, output::way(&wanted.input, opened.format, &wanted.output)) {
         (Some(to), _) if to.info().name != opened.format.info().name => Way::New(to),
         (None, Way::New(to)) => Way::New(to),
         _ if same => Way::Patched,

@@ -6,6 +6,7 @@ use crate::repair::RepairError;
 use crate::staging;
 use crate::verify::verify;
 use formats::{Document, Format, FormatError, Notes, Samples, Stated, Take};
+use std::collections::BTreeSet;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use tempfile::NamedTempFile;
@@ -19,14 +20,18 @@ pub enum Way {
     New(&'static dyn Format),
 }
 
-/// The way to write `output`, whose extension decides if it names a format that the input is not of.
-pub fn way(output: &Path, input: &'static dyn Format) -> Way {
-    let inner = compression::inner_name(output);
-    let extension = inner.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
-    if input.info().extensions.contains(&extension.as_str()) {
+/// The way to write `output`. Its extension decides: bytes are patched if it is the input's own or usually belongs to the input's format.
+pub fn way(input: &Path, format: &'static dyn Format, output: &Path) -> Way {
+    let extension =
+        |path: &Path| compression::inner_name(path).extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    if extension(input) == extension(output) {
         return Way::Patched;
     }
-    formats::by_extension(&extension).map_or(Way::Patched, Way::New)
+    match formats::by_extension(&extension(output)) {
+        // of several formats that share an extension, the input's is meant
+        Some(usual) if format.info().extensions.first() != usual.info().extensions.first() => Way::New(usual),
+        _ => Way::Patched,
+    }
 }
 
 /// Writes `take` into a hidden file beside `output`, opens that again and holds it against the take.
@@ -106,9 +111,8 @@ impl Names<'_> {
             && let Some(extension) = inner.extension().and_then(|e| e.to_str())
             && formats::by_extension(extension).is_none()
         {
-            let mut known: Vec<String> = formats::ALL.iter().flat_map(|f| f.info().extensions).map(|e| format!(".{e}")).collect();
-            known.dedup();
-            let known = known.join(", ");
+            let known: BTreeSet<String> = formats::ALL.iter().flat_map(|f| f.info().extensions).map(|e| format!(".{e}")).collect();
+            let known = known.into_iter().collect::<Vec<_>>().join(", ");
             return stop(self.output, &format!("the extension .{extension} names no format that can be written; use one of: {known}"));
         }
         if !self.in_place && staging::same_file(self.input, self.output) {

@@ -5,7 +5,7 @@ use crate::gaps::{Open, Policy, gaps};
 use crate::input::{Opened, Reading, hex, open, read};
 use crate::log::{About, Closing, LogError, McapLog};
 use crate::missing::MissingError;
-use crate::output::{Names, original_name, unwritable};
+use crate::output::{self, Names, original_name, unwritable};
 use crate::report::{GapReport, Report, StageReport};
 use crate::solve::auto::Stiffness;
 use crate::solve::lds::{EStep, Hidden, Init};
@@ -295,9 +295,9 @@ fn start_log(request: &Request, opened: &Opened, bones: &[Bone], report: &mut Re
 /// Writes the output, proves it, and puts everything in place: the table and the log first, the output last.
 fn write_out(request: &Request, opened: Opened, repaired: &Take, log: Option<McapLog>, mut report: Report) -> Result<Report, RepairError> {
     let Opened { format: input, document, notes, sha256 } = opened;
-    let output = &request.output;
-    let way = crate::output::way(output, input);
-    let file = crate::output::write(way, input, document, &notes, repaired, &request.reading.stated, output)?;
+    let target = &request.output;
+    let way = output::way(&request.input, input, target);
+    let file = output::write(way, input, document, &notes, repaired, &request.reading.stated, target)?;
 
     // From here on everything is written; what remains are names.
     let mut placed = Placed::default();
@@ -319,12 +319,12 @@ fn write_out(request: &Request, opened: Opened, repaired: &Take, log: Option<Mca
     if request.in_place {
         // whoever may not read the original may not read the repaired take either
         let same = std::fs::metadata(&request.input).and_then(|input| file.as_file().set_permissions(input.permissions()));
-        same.map_err(|e| unwritable(output, &e))?;
+        same.map_err(|e| unwritable(target, &e))?;
         keep_original(request, &sha256).and_then(|kept| placed.add(&kept, Ok(())))?;
     }
-    staging::publish(file, output).map_err(|e| unwritable(output, &e))?;
+    staging::publish(file, target).map_err(|e| unwritable(target, &e))?;
     placed.0.clear();
-    report.output = Some(output.clone());
+    report.output = Some(target.clone());
     report.notes = notes.take();
     Ok(report)
 }

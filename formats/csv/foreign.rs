@@ -11,28 +11,30 @@ pub(super) struct Foreign {
     seems: &'static str,
     /// The way out.
     instead: &'static str,
+    /// True if it is read under another name.
+    elsewhere: bool,
 }
-
-/// The usual way out.
-const AS_C3D: &str = "export the take as C3D, or as a table with the one header line NAME-x, NAME-y, NAME-z, ...";
 
 impl Foreign {
     /// The error that refuses the file.
     pub fn refuse(self) -> FormatError {
-        FormatError::unsupported(NAME, Place::Whole, format!("this seems to be {}, which is not read; {}", self.seems, self.instead))
+        let but = if self.elsewhere { "which is another format" } else { "which is not read" };
+        FormatError::unsupported(NAME, Place::Whole, format!("this seems to be {}, {but}; {}", self.seems, self.instead))
     }
 }
 
 /// Names the flavour of a table that is none of ours, from its beginning.
 pub(super) fn recognise(bytes: &[u8]) -> Option<Foreign> {
-    let foreign = |seems, instead| Some(Foreign { seems, instead });
+    let foreign = |seems, instead| Some(Foreign { seems, instead, elsewhere: false });
+
     if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
         return foreign("text in UTF-16", "save it as UTF-8 (\"CSV UTF-8\" in Excel)");
     }
     let lines = first_lines(bytes, 1);
+    let elsewhere = |seems, instead| Some(Foreign { seems, instead, elsewhere: true });
     match lines.first().and_then(|cells| cells.first()).map_or("", String::as_str) {
-        "PathFileType" => return foreign("an OpenSim TRC file", AS_C3D),
-        "NO_OF_FRAMES" => return foreign("a TSV export of Qualisys Track Manager", AS_C3D),
+        "PathFileType" => return elsewhere("an OpenSim TRC file", "name it .trc"),
+        "NO_OF_FRAMES" | "FILE_VERSION" => return elsewhere("a TSV export of Qualisys Track Manager", "name it .tsv"),
         "HIERARCHY" => return foreign("a BVH file", "name it .bvh"),
         _ => {}
     }

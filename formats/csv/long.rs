@@ -3,6 +3,7 @@
 use super::NAME;
 use crate::text::clock::Clock;
 use crate::text::number::Numbers;
+use crate::text::save::ShortRows;
 use crate::text::scan::{Cell, Scanner, decode, excerpt};
 use crate::text::table::{Blank, Table, gcd};
 use crate::text::titles::is_model_output;
@@ -200,7 +201,9 @@ pub(super) fn read(bytes: &[u8], sheet: &Sheet, stated: &Samples) -> Result<(Row
     }
     table.blanks.retain(|b| !b.given);
     table.first_frame = first_frame;
-    Ok((Rows { table, numbers, clock, frame_step }, layout))
+    let frames = table.frames() as u32; // one row at least stands for each 256
+    let rows = Rows { table, numbers, clock, frame_step, frames, short: ShortRows::default(), surplus: 0 };
+    Ok((rows, layout))
 }
 
 /// The sample of a marker that is no model output.

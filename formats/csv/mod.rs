@@ -28,8 +28,12 @@ use save::{Opened, TextDocument};
 use std::io::Write;
 
 const NAME: &str = "csv";
-const INFO: FormatInfo =
-    FormatInfo { name: NAME, summary: "tables of markers, wide or long, separated by , ; or tab", extensions: &["csv"], holds_gaps: true };
+const INFO: FormatInfo = FormatInfo {
+    name: NAME,
+    summary: "tables of markers, wide or long, separated by , ; or tab",
+    extensions: &["csv", "tsv"],
+    holds_gaps: true,
+};
 
 /// Joint angles in degrees stay within this.
 const LARGEST_ANGLE: f64 = 360.0;

@@ -33,6 +33,31 @@ pub(crate) fn writable(take: &Take, info: &FormatInfo, notes: &Notes) -> Result<
     Ok(columns)
 }
 
+/// Labels for a header without quotes: no blanks around them, no tabs, line ends or other control characters, none empty. What was changed is noted.
+pub(crate) fn plain_labels(info: &FormatInfo, take: &Take, columns: &[usize], notes: &Notes) -> Vec<String> {
+    let mut changed = Vec::new();
+    let mut labels = Vec::with_capacity(columns.len());
+    for (number, marker) in columns.iter().filter_map(|&c| take.markers.get(c)).enumerate() {
+        let mut label: String = marker.label.chars().map(|c| if c.is_control() { '_' } else { c }).collect();
+        label.truncate(label.trim_end().len());
+        label.drain(..label.len() - label.trim_start().len());
+        if label.is_empty() {
+            label = format!("unlabelled_{}", number + 1);
+        }
+        if label != marker.label {
+            changed.push(label.clone());
+        }
+        labels.push(label);
+    }
+    if !changed.is_empty() {
+        let names = changed.iter().take(8).map(String::as_str).collect::<Vec<_>>().join(", ");
+        let more = if changed.len() > 8 { ", ..." } else { "" };
+        let what = format!("{} labels that are empty or have tabs or line ends in them (now called {names}{more})", changed.len());
+        notes.not_expressible(info, what);
+    }
+    labels
+}
+
 /// Three cells, each behind its separator.
 pub(crate) fn write_position(take: &Take, frame: usize, column: usize, out: &mut dyn Write) -> io::Result<()> {
     let Some(position) = take.position_mm(frame, column) else { return write!(out, ",,,") };
@@ -42,8 +67,8 @@ pub(crate) fn write_position(take: &Take, frame: usize, column: usize, out: &mut
     Ok(())
 }
 
-/// The number of units that gives `mm` back when it is multiplied by `unit_mm`, if there is one; else the nearest.
-fn in_unit(mm: f64, unit_mm: f64) -> f64 {
+/// The number of units that gives `mm` back when it is multiplied by `unit_mm`, if there is one; else the nearest. Never `-0`.
+pub(crate) fn in_unit(mm: f64, unit_mm: f64) -> f64 {
     let value = mm / unit_mm;
     [value, value.next_up(), value.next_down()].into_iter().find(|v| v * unit_mm == mm).unwrap_or(value) + 0.0
 }

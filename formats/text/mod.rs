@@ -7,17 +7,21 @@
 //! | --- | --- |
 //! | `scan` | bytes → cells |
 //! | `number` | cells → numbers and back |
+//! | `lines` | the lines of a header |
 //! | `wide` | rows that are frames → samples |
 //! | `titles` | header lines above each other → markers |
 //! | `clock` | times → rate |
 //! | `table` | zeros that are gaps, the unit of length |
+//! | `cut` | files that end in the middle |
 //! | `save` | the way back |
 //! | `fresh` | what writers of new files share |
 //!
 //! Errors made in here carry the name `text`; each format puts its own in its place ([`named`]).
 
 pub(crate) mod clock;
+pub(crate) mod cut;
 pub(crate) mod fresh;
+pub(crate) mod lines;
 pub(crate) mod number;
 pub(crate) mod save;
 pub(crate) mod scan;
@@ -72,13 +76,13 @@ pub(crate) fn finish(
     let (take, blanks) = rows.table.finish(stated.unit.or(said.unit), rate_hz, notes);
     let mut seen = BTreeSet::new();
     let mut twice = BTreeSet::new();
-    let again = take.markers.iter().map(|m| &m.label).filter(|l| !seen.insert(*l) && twice.insert(*l));
+    let again = take.markers.iter().map(|m| &m.label).filter(|l| !l.is_empty() && !seen.insert(*l) && twice.insert(*l));
     let again: Vec<String> = again.cloned().collect();
     if !again.is_empty() {
         notes.add(Note::DuplicateLabels { labels: again });
     }
     let style = rows.numbers.style(take.unit);
-    Ok((take, Opened { bytes, blanks, style }))
+    Ok((take, Opened { bytes, blanks, style, short: rows.short }))
 }
 
 /// The error with the name of the format that it came up in.

@@ -42,6 +42,15 @@ impl Numbers {
     /// The text is no number up to 1e100, or its decimal sign is not the usual one.
     pub fn read(&mut self, cell: &Cell<'_>) -> Result<Option<f64>, Wrong> {
         let text = if cell.quoted { cell.text.trim_ascii() } else { cell.text };
+        if let Some(plain) = plain(text)
+            && plain.sign.is_none_or(|sign| self.sign.is_none_or(|usual| usual == sign))
+        {
+            self.sign = self.sign.or(plain.sign);
+            if let Some(count) = self.decimals.get_mut(plain.decimals) {
+                *count += 1;
+            }
+            return Ok(Some(plain.value));
+        }
         if is_missing(text) {
             return Ok(None);
         }
@@ -161,6 +170,54 @@ pub(crate) fn step(decimals: usize) -> f64 {
     format!("1e-{decimals}").parse().unwrap_or(0.0)
 }
 
+/// A number that is nothing but digits, perhaps with a sign before and one decimal sign among them.
+struct Plain {
+    value: f64,
+    /// Decimal sign.
+    sign: Option<u8>,
+    decimals: usize,
+}
+
+/// Powers of ten that a double holds exactly.
+const POWERS_OF_TEN: [f64; 23] =
+    [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22];
+/// Whole numbers up to here are exact as doubles.
+const LARGEST_EXACT: u64 = 1 << 53;
+
+/// Reads nearly all numbers of nearly all files, several times as fast as the standard parser; `None` for the others.
+///
+/// The digits as a whole number and the power of ten are both exact, so their quotient is rounded once, and correctly
+/// (Clinger, *How to read floating point numbers accurately*, 1990, section 5).
+fn plain(text: &[u8]) -> Option<Plain> {
+    let (negative, digits) = match text {
+        [b'-', rest @ ..] => (true, rest),
+        [b'+', rest @ ..] => (false, rest),
+        _ => (false, text),
+    };
+    if digits.len() > 19 {
+        return None; // 19 digits and no sign would still fit; longer ones might not
+    }
+    let mut whole = 0u64;
+    let mut sign = None;
+    let mut decimals = 0usize;
+    for &b in digits {
+        let digit = b.wrapping_sub(b'0');
+        if digit < 10 {
+            whole = whole.wrapping_mul(10).wrapping_add(u64::from(digit));
+            decimals += usize::from(sign.is_some());
+        } else if (b == b'.' || b == b',') && sign.is_none() {
+            sign = Some(b);
+        } else {
+            return None;
+        }
+    }
+    if whole > LARGEST_EXACT || digits.len() == usize::from(sign.is_some()) {
+        return None;
+    }
+    let value = whole as f64 / POWERS_OF_TEN.get(decimals)?;
+    Some(Plain { value: if negative { -value } else { value }, sign, decimals })
+}
+
 /// True if the text says that there is no number.
 fn is_missing(text: &[u8]) -> bool {
     let Some(&first) = text.first() else { return true };
@@ -249,6 +306,40 @@ mod tests {
             let mut out = Vec::new();
             numbers.style(unit).write(value, false, &mut out);
             assert_eq!(String::from_utf8(out).unwrap(), new, "{value} after {old:?}");
+        }
+    }
+
+    /// The short way to a number gives the same bits as the long one.
+    #[test]
+    fn plain_numbers_are_rounded_correctly() {
+        let mut state = 0x2545_f491_4f6c_dd1d_u64;
+        let mut random = |below: u64| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 20) % below
+        };
+        let mut compared = 0;
+        for _ in 0..200_000 {
+            let digits = random(18) + 1;
+            let point = random(digits + 2);
+            let mut text = ["", "-", "+", "-0"][random(4) as usize].to_owned();
+            for at in 0..digits {
+                if at == point {
+                    text.push('.');
+                }
+                text.push(char::from(b'0' + random(10) as u8));
+            }
+            let slow: f64 = text.parse().unwrap();
+            if let Some(fast) = plain(text.as_bytes()) {
+                assert_eq!(fast.value.to_bits(), slow.to_bits(), "{text}");
+                compared += 1;
+            }
+            assert_eq!(Numbers::new(b';').read(&cell(&text)).unwrap().unwrap().to_bits(), slow.to_bits(), "{text}");
+        }
+        assert!(compared > 150_000, "{compared}");
+        for odd in ["", "-", "+", ".", "-.", "1e3", "1.2.3", "1 2", "nan", "12345678901234567890", "99999999999999999"] {
+            assert!(plain(odd.as_bytes()).is_none(), "{odd}");
         }
     }
 

@@ -2,7 +2,9 @@
 
 use super::number::Style;
 use super::table::Blank;
+use super::{Column, Sheet};
 use crate::{Document, FormatError, Notes, Origin, Place, Take};
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::ops::Range;
 
@@ -14,6 +16,48 @@ pub(crate) struct Opened {
     pub blanks: Vec<Blank>,
     /// How numbers are written.
     pub style: Style,
+    /// Rows that end before their last cells.
+    pub short: ShortRows,
+}
+
+/// Rows that end before their last cells; those are added, with their separators, as far as they are filled.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ShortRows {
+    /// Separator of cells.
+    separator: u8,
+    /// The cell of a row that holds each coordinate of each marker.
+    places: Vec<[u32; 3]>,
+    /// How many cells there are in such a row, by frame.
+    cells: BTreeMap<u32, u32>,
+}
+
+impl ShortRows {
+    /// No such rows so far.
+    pub fn new(sheet: &Sheet, markers: usize) -> Self {
+        let mut places = vec![[0; 3]; markers];
+        for (at, column) in (0u32..).zip(&sheet.columns) {
+            if let Column::Coordinate { marker, axis } = *column
+                && let Some(place) = places.get_mut(marker).and_then(|m| m.get_mut(axis))
+            {
+                *place = at;
+            }
+        }
+        Self { separator: sheet.separator, places, cells: BTreeMap::new() }
+    }
+
+    /// Takes in a row with so many cells.
+    pub fn add(&mut self, frame: u32, cells: usize) {
+        self.cells.insert(frame, u32::try_from(cells).unwrap_or(u32::MAX));
+    }
+
+    /// How many separators come before a filled cell. `reached` is the last such row, and how many cells it has by now.
+    fn separators(&self, blank: &Blank, reached: &mut (u32, u32)) -> usize {
+        let Some(&cells) = self.cells.get(&blank.frame) else { return 0 };
+        let place = self.places.get(blank.marker as usize).and_then(|m| m.get(usize::from(blank.axis))).copied().unwrap_or(0);
+        let present = if reached.0 == blank.frame { reached.1.max(cells) } else { cells };
+        *reached = (blank.frame, present.max(place.saturating_add(1)));
+        place.saturating_add(1).saturating_sub(present) as usize
+    }
 }
 
 /// Text that is put into the file.
@@ -38,6 +82,7 @@ impl Opened {
         let mut out = io::BufWriter::with_capacity(1 << 16, out);
         let mut done = 0;
         let mut text = Vec::new();
+        let mut reached = (0, 0);
         let repaired = |b: &Blank| take.origin(b.frame as usize, b.marker as usize) == Origin::Repaired;
         let any = !insertions.is_empty();
         let mut edits: Vec<Edit> = insertions.into_iter().map(Edit::Insert).collect();
@@ -59,6 +104,7 @@ impl Opened {
                 Edit::Cell(blank) => {
                     let position = take.position_mm(blank.frame as usize, blank.marker as usize).unwrap_or_default();
                     let value = position.get(usize::from(blank.axis)).copied().unwrap_or_default();
+                    text.extend(std::iter::repeat_n(self.short.separator, self.short.separators(&blank, &mut reached)));
                     self.style.write(value / take.unit.mm(), blank.quoted, &mut text);
                     let start = blank.start as usize;
                     start..start.saturating_add(blank.len as usize)

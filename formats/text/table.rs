@@ -129,16 +129,28 @@ impl Table {
         let (runs, jumps) = self.zero_runs(FAR * size);
         let gaps = if runs > 0 { jumps * 10 >= runs * 9 } else { self.median_from_origin().is_some_and(|d| d > OFF_CENTRE * size) };
         if gaps {
-            let columns = self.markers.len().max(1);
-            for (i, sample) in self.samples.iter_mut().enumerate() {
-                let marker = self.markers.get(i % columns);
-                if *sample == [0.0; 3] && marker.is_some_and(|m| m.role == Role::Marker) {
-                    *sample = [f64::NAN; 3];
-                }
-            }
-            notes.add(Note::ZeroReadAsMissing { samples: zeros });
+            self.take_zeros_as_gaps(notes);
         } else {
             self.blanks.retain(|b| !b.zero);
+        }
+    }
+
+    /// Makes all samples at exactly 0 0 0 gaps, for formats that say so.
+    pub fn take_zeros_as_gaps(&mut self, notes: &Notes) {
+        let columns = self.markers.len().max(1);
+        let mut samples = 0;
+        for (i, sample) in self.samples.iter_mut().enumerate() {
+            let marker = self.markers.get(i % columns);
+            if *sample == [0.0; 3] && marker.is_some_and(|m| m.role == Role::Marker) {
+                *sample = [f64::NAN; 3];
+                samples += 1;
+            }
+        }
+        for blank in &mut self.blanks {
+            blank.zero = false; // they are gaps, and nobody has to judge them any more
+        }
+        if samples > 0 {
+            notes.add(Note::ZeroReadAsMissing { samples });
         }
     }
 

@@ -2,6 +2,7 @@
 
 use super::clock::Clock;
 use super::number::{Numbers, Wrong, whole};
+use super::save::ShortRows;
 use super::scan::{Cell, Scanner, decode, excerpt};
 use super::table::{Blank, Table};
 use super::{Column, NAME, Sheet};
@@ -18,13 +19,44 @@ pub(crate) struct Rows {
     pub clock: Clock,
     /// By how much the frame numbers go up.
     pub frame_step: i64,
+    /// Number of rows, which [`Table`] cannot tell if it has no columns.
+    pub frames: u32,
+    /// Rows that lack their last cells.
+    pub short: ShortRows,
+    /// How many cells the longest row has behind its last column; blank ones at the end do not count.
+    pub surplus: usize,
 }
+
+/// What rows may look like.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Rules {
+    /// True if rows may lack their last cells, and may have cells for which there is no column.
+    pub ragged: bool,
+    /// What can be done about frame numbers with holes, to complete "add the missing rows with empty cells, or".
+    pub holes: &'static str,
+}
+
+impl Rules {
+    /// Every row has the cells of the header.
+    pub const STRICT: Self = Self { ragged: false, holes: "rename the column \"frame\" to have it left alone" };
+}
+
+/// Samples that rows may lack in any file. Beyond that, a file must have a byte for each, or a few rows would cost gigabytes.
+const LACKING_ALWAYS: usize = 1_000_000;
 
 /// Reads all rows. `stated` are samples that are missing whatever their cells hold.
 ///
 /// # Errors
 /// A row with too few or too many cells, a cell that is no number, frame numbers with holes, or no rows at all.
 pub(crate) fn read(bytes: &[u8], sheet: &Sheet, columns: &[Marker], stated: &Samples) -> Result<Rows, FormatError> {
+    read_by(Rules::STRICT, bytes, sheet, columns, stated)
+}
+
+/// Reads all rows that look as `rules` say. `stated` are samples that are missing whatever their cells hold.
+///
+/// # Errors
+/// A row with too few or too many cells, a cell that is no number, frame numbers with holes, or no rows at all.
+pub(crate) fn read_by(rules: Rules, bytes: &[u8], sheet: &Sheet, columns: &[Marker], stated: &Samples) -> Result<Rows, FormatError> {
     let markers = columns.len();
     let mut table = Table { markers: columns.to_vec(), samples: Vec::new(), blanks: Vec::new(), partial: Vec::new(), first_frame: 1 };
     let mut numbers = Numbers::new(sheet.separator);
@@ -34,6 +66,9 @@ pub(crate) fn read(bytes: &[u8], sheet: &Sheet, columns: &[Marker], stated: &Sam
     let mut frame_numbers = FrameNumbers::default();
     let numbered = sheet.has(Column::Frame);
     let mut frames = 0u32;
+    let mut short = ShortRows::new(sheet, markers);
+    let mut lacking = 0usize;
+    let mut surplus = 0usize;
     let mut empty_row = None; // a row of nothing but separators, as spreadsheets add them at the end
     while next_row(&mut scanner)? {
         let line = scanner.line();
@@ -63,6 +98,11 @@ pub(crate) fn read(bytes: &[u8], sheet: &Sheet, columns: &[Marker], stated: &Sam
                 Some(Column::Frame) => frame_cell = Some((cell, at)),
                 Some(Column::Time) => time_cell = Some(cell),
                 Some(Column::Label | Column::Other) => {}
+                None if rules.ragged => {
+                    if !cell.is_blank() {
+                        surplus = surplus.max(at + 1 - sheet.columns.len());
+                    }
+                }
                 None => width.surplus(&cell),
             }
             at += 1;
@@ -79,10 +119,27 @@ pub(crate) fn read(bytes: &[u8], sheet: &Sheet, columns: &[Marker], stated: &Sam
         if let Some(line) = empty_row {
             return Err(empty_line(line));
         }
-        width.check(at, line)?;
+        if !rules.ragged {
+            width.check(at, line)?;
+        } else if at < sheet.columns.len() {
+            lacking = lacking.saturating_add((sheet.columns.len() - at).div_ceil(3));
+            if lacking > LACKING_ALWAYS.saturating_add(bytes.len()) {
+                return Err(too_ragged(line));
+            }
+            short.add(frames, at);
+            let end = row_end(bytes, scanner.offset());
+            for column in sheet.columns.iter().skip(at) {
+                if let Column::Coordinate { marker, axis } = *column
+                    && table.markers.get(marker).is_some_and(|m| m.role == Role::Marker)
+                {
+                    let nothing = Cell { text: &[], start: end, quoted: false, ends_row: true };
+                    table.blanks.push(blank(&nothing, frames, marker, axis));
+                }
+            }
+        }
         table.close_row(from, blanks_from);
         let frame = match frame_cell {
-            Some((cell, column)) => frame_numbers.next(&cell, line, column)?,
+            Some((cell, column)) => frame_numbers.next(&cell, line, column, rules.holes)?,
             None => i64::from(frames) + 1,
         };
         if frames == 0 {
@@ -96,7 +153,16 @@ pub(crate) fn read(bytes: &[u8], sheet: &Sheet, columns: &[Marker], stated: &Sam
     if frames == 0 {
         return Err(no_rows());
     }
-    Ok(Rows { table, numbers, clock, frame_step: frame_numbers.step.unwrap_or(1) })
+    Ok(Rows { table, numbers, clock, frame_step: frame_numbers.step.unwrap_or(1), frames, short, surplus })
+}
+
+/// Where the row ends whose line end, if it has one, lies before `next`.
+fn row_end(bytes: &[u8], next: usize) -> usize {
+    match bytes.get(..next).unwrap_or_default() {
+        [.., b'\r', b'\n'] => next - 2,
+        [.., b'\r' | b'\n'] => next - 1,
+        _ => next,
+    }
 }
 
 /// Steps to the next row; false at the end of the file, which may have empty lines before it.
@@ -168,16 +234,14 @@ struct FrameNumbers {
 }
 
 impl FrameNumbers {
-    fn next(&mut self, cell: &Cell<'_>, line: u64, column: usize) -> Result<i64, FormatError> {
+    fn next(&mut self, cell: &Cell<'_>, line: u64, column: usize, holes: &str) -> Result<i64, FormatError> {
         let number = frame_number(cell, line, column)?;
         if let Some(last) = self.last {
             let step = number.saturating_sub(last);
             if step < 1 || self.step.is_some_and(|s| s != step) {
                 let expected = last.saturating_add(self.step.unwrap_or(1));
-                let text = format!(
-                    "frame {number} follows frame {last}, expected {expected}; add the missing rows with empty cells, or rename the column \
-                     \"frame\" to have it left alone"
-                );
+                let text =
+                    format!("frame {number} follows frame {last}, expected {expected}; add the missing rows with empty cells, or {holes}");
                 return Err(FormatError::malformed(NAME, place(line, column), text));
             }
             self.step = Some(step);
@@ -222,6 +286,12 @@ fn empty_line(line: u64) -> FormatError {
 
 pub(crate) fn no_rows() -> FormatError {
     FormatError::malformed(NAME, Place::Whole, "there is a header, but no row of numbers follows; export the take again")
+}
+
+fn too_ragged(line: u64) -> FormatError {
+    let text =
+        "too many rows end long before the last marker of the header; take the markers without samples out of it, or complete the rows";
+    FormatError::too_large(NAME, Place::Line { line, column: None }, text)
 }
 
 pub(crate) fn too_many_rows(line: u64) -> FormatError {

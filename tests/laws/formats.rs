@@ -73,6 +73,18 @@ fn same(take: &Take, back: &Take, relative: f64) -> Result<(), TestCaseError> {
     Ok(())
 }
 
+/// The take with the labels that `back` has in place of empty ones; that there are any must have been noted.
+fn renamed(take: &Take, back: &Take, notes: &[Note]) -> Result<Take, TestCaseError> {
+    let mut renamed = take.clone();
+    for (marker, now) in renamed.markers.iter_mut().zip(&back.markers).filter(|(m, _)| m.label.is_empty()) {
+        prop_assert!(now.label.starts_with("unlabelled_"), "{}", now.label);
+        let told = notes.iter().any(|n| matches!(n, Note::NotExpressible { what, .. } if what.contains("labels that are empty")));
+        prop_assert!(told, "{:?}", notes);
+        marker.label.clone_from(&now.label);
+    }
+    Ok(renamed)
+}
+
 proptest! {
     #![proptest_config(cases(64))]
 
@@ -105,6 +117,24 @@ proptest! {
             let others = notes.iter().filter(|n| n.matters() && !matches!(n, Note::NotExpressible { .. })).count();
             prop_assert_eq!(others, 0, "{:?}", notes);
         }
+    }
+
+    /// Numbers and the rate have as many digits as it takes. Labels that the header cannot hold are changed, and that is said.
+    #[test]
+    fn a_trc_opens_as_the_take_it_was_made_from(take in takes()) {
+        let (back, notes) = through(&formats::trc::Trc, &take);
+        let renamed = renamed(&take, &back, &notes)?;
+        same(&renamed, &back, f64::EPSILON)?;
+        prop_assert_eq!(back.rate_hz, take.rate_hz);
+    }
+
+    /// The same, and always in millimetres.
+    #[test]
+    fn a_tsv_opens_as_the_take_it_was_made_from(take in takes()) {
+        let (back, notes) = through(&formats::tsv::Tsv, &take);
+        let renamed = renamed(&take, &back, &notes)?;
+        same(&TakeBuilder::from(renamed).unit(Unit::Millimetre).build(), &back, 0.0)?;
+        prop_assert_eq!(back.rate_hz, take.rate_hz);
     }
 
     /// Numbers have as many digits as it takes, so they come back exactly.

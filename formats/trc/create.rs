@@ -1,0 +1,59 @@
+//! Writes a new TRC file from nothing but a take, as Motion Analysis and OpenSim write them.
+//!
+//! OpenSim's reader wants exactly the eight keys in this order, a label for each marker, `X1 Y1 Z1 ...` below them, and as many cells in
+//! each row as there are columns. It does not count an empty last cell unless a tab follows, so every cell is followed by one.
+//! Missing samples are empty cells, which it reads as NaN.
+
+use super::{INFO, NAME};
+use crate::text::fresh::{in_unit, plain_labels, time, time_decimals, writable};
+use crate::{FormatError, Notes, Place, Take};
+use std::io::{self, BufWriter, Write};
+
+/// Writes the file.
+pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
+    let columns = writable(take, &INFO, notes)?;
+    if take.frames() == 0 {
+        return Err(FormatError::unsupported(NAME, Place::Whole, "the take has no frames, so there is nothing to write"));
+    }
+    let labels = plain_labels(&INFO, take, &columns, notes);
+    let mut out = BufWriter::with_capacity(1 << 16, out);
+    write(take, &columns, &labels, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+}
+
+fn write(take: &Take, columns: &[usize], labels: &[String], out: &mut dyn Write) -> io::Result<()> {
+    let (frames, rate, first) = (take.frames(), rate(take.rate_hz), take.first_frame);
+    writeln!(out, "PathFileType\t4\t(X/Y/Z)\tmocap-repair.trc")?;
+    writeln!(out, "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames")?;
+    writeln!(out, "{rate}\t{rate}\t{frames}\t{}\t{}\t{rate}\t{first}\t{frames}", columns.len(), take.unit.symbol())?;
+    write!(out, "Frame#\tTime\t")?;
+    for label in labels {
+        write!(out, "{label}\t\t\t")?;
+    }
+    write!(out, "\n\t\t")?;
+    for number in 1..=columns.len() {
+        write!(out, "X{number}\tY{number}\tZ{number}\t")?;
+    }
+    write!(out, "\n\n")?;
+    let decimals = time_decimals(take);
+    for frame in 0..frames {
+        write!(out, "{}\t{}\t", take.frame_label(frame), time(take, frame, decimals))?;
+        for &column in columns {
+            match take.position_mm(frame, column) {
+                None => write!(out, "\t\t\t")?,
+                Some(position) => {
+                    for mm in position {
+                        write!(out, "{}\t", in_unit(mm, take.unit.mm()))?;
+                    }
+                }
+            }
+        }
+        writeln!(out)?;
+    }
+    Ok(())
+}
+
+/// A rate with two decimals, as is usual, or with as many as it takes.
+fn rate(rate_hz: f64) -> String {
+    let usual = format!("{rate_hz:.2}");
+    if usual.parse() == Ok(rate_hz) { usual } else { rate_hz.to_string() }
+}
