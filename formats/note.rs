@@ -121,6 +121,11 @@ pub enum Note {
         /// How far the worst of them is off.
         worst_mm: f64,
     },
+    /// A new file was made, which does not have something that stood in the file that was read.
+    LeftOut {
+        /// What it is.
+        what: String,
+    },
     /// The written format cannot hold something that the take has.
     NotExpressible {
         /// The format's name.
@@ -144,6 +149,7 @@ impl Note {
             | Self::FrameCount { .. }
             | Self::Assumed { .. }
             | Self::Damaged { .. }
+            | Self::LeftOut { .. }
             | Self::NotExpressible { .. } => true,
             Self::NotRealised { worst_mm, .. } => *worst_mm > FAR_OFF_MM,
             Self::ZeroReadAsMissing { .. }
@@ -186,6 +192,7 @@ impl Note {
             Self::Rounded { .. } => "rounded",
             Self::Floats => "floats",
             Self::NotRealised { .. } => "not-realised",
+            Self::LeftOut { .. } => "left-out",
             Self::NotExpressible { .. } => "not-expressible",
         }
     }
@@ -231,6 +238,7 @@ impl std::fmt::Display for Note {
                 "{samples} filled positions are nearly but not quite in the file, because its bones are rigid and known joints stay; the worst is \
                  {worst_mm:.3} mm off"
             ),
+            Self::LeftOut { what } => write!(f, "not in the new file: {what}"),
             Self::NotExpressible { format, what } => write!(f, "{format} cannot hold {what}; left out"),
         }
     }

@@ -108,6 +108,11 @@ fn changed(wanted: &Conversion, opened: &Opened) -> Result<Take, RepairError> {
     Ok(take)
 }
 
+/// A note in the words of this command, where `--units` is what is written.
+fn told(note: &Note) -> String {
+    note.to_string().replace("--units", "--from-units")
+}
+
 impl Converted {
     /// 0 if nothing was lost or assumed, else 3.
     pub fn exit_code(&self) -> u8 {
@@ -139,7 +144,7 @@ impl Converted {
             },
         }
         let mut messages: Vec<Message> =
-            self.notes.iter().map(|n| Message::Note { kind: n.kind(), text: n.to_string(), matters: n.matters() }).collect();
+            self.notes.iter().map(|n| Message::Note { kind: n.kind(), text: told(n), matters: n.matters() }).collect();
         messages.push(Message::Converted {
             input: self.input.display().to_string(),
             output: self.output.display().to_string(),
@@ -172,7 +177,7 @@ impl Converted {
             self.unit.symbol()
         );
         for note in &self.notes {
-            let _ = writeln!(out, "  {:<10} {note}", if note.matters() { "look at" } else { "note" });
+            let _ = writeln!(out, "  {:<10} {}", if note.matters() { "look at" } else { "note" }, told(note));
         }
         out
     }

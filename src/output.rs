@@ -5,7 +5,7 @@ use crate::input::{expand, plain};
 use crate::repair::RepairError;
 use crate::staging;
 use crate::verify::verify;
-use formats::{Document, Format, FormatError, Notes, Samples, Stated, Take};
+use formats::{Document, Format, FormatError, Note, Notes, Samples, Stated, Take};
 use std::collections::BTreeSet;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -59,8 +59,8 @@ pub fn write(
         let result = compression::through(&mut out, compression::is_named(output), io_error, |out| match way {
             Way::Patched => document.save(take, out, notes),
             Way::New(format) => {
-                for what in document.beyond_take() {
-                    notes.not_expressible(format.info(), what);
+                for what in document.beyond_take().into_iter().chain(notes.take().iter().filter_map(only_kept_in_place)) {
+                    notes.add(Note::LeftOut { what });
                 }
                 format.create(take, out, notes)
             }
@@ -76,6 +76,20 @@ pub fn write(
     let stated = if patched.is_some() { Stated { missing: Samples::new(), ..stated.clone() } } else { Stated::default() };
     verify(back, format, &stated, take, patched).map_err(|error| RepairError::Verify { path: output.to_owned(), error })?;
     Ok(file)
+}
+
+/// What a note told of that was left as it is, and is lost with the file that it stood in.
+fn only_kept_in_place(note: &Note) -> Option<String> {
+    let list = |names: &[String]| {
+        let shown = names.iter().take(8).map(String::as_str).collect::<Vec<_>>().join(", ");
+        if names.len() > 8 { format!("{shown} and {} more", names.len() - 8) } else { shown }
+    };
+    match note {
+        Note::OtherColumns { names } => Some(format!("the columns {}", list(names))),
+        Note::OtherBlocks { names } => Some(format!("the blocks {}", list(names))),
+        Note::PartialSamples { samples } => Some(format!("the given coordinates of {samples} samples that lack others")),
+        _ => None,
+    }
 }
 
 /// The name under which `--in-place` keeps the input.

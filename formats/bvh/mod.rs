@@ -165,6 +165,12 @@ impl Document for BvhDocument {
         save::save(self, repaired, out, notes)
     }
 
+    fn beyond_take(&self) -> Vec<String> {
+        // a cloud of points has no bones
+        let skeleton = self.skeleton.cloud.is_none();
+        skeleton.then(|| "the skeleton and the rotations of its joints".to_owned()).into_iter().collect()
+    }
+
     fn rounding_mm(&self) -> f64 {
         self.known_mm
     }

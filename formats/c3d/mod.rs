@@ -4,6 +4,7 @@
 //! [`Document::save`] copies the file and replaces the bytes of filled samples, so everything that this code does not understand (analog
 //! samples, events, force platforms, groups of other programs, trailing bytes) stays as it was by construction.
 
+mod beyond;
 mod create;
 mod floats;
 mod layout;
@@ -76,7 +77,8 @@ impl Format for C3d {
             .missing(&stated.missing)
             .multiples_of_mm(step_mm);
         let (take, largest_mm) = points::read(&layout, &bytes, builder, &roles, step_mm, notes);
-        Ok(Box::new(C3dDocument { bytes, layout, take, largest_mm }))
+        let beyond = beyond::parameters(&parameters);
+        Ok(Box::new(C3dDocument { bytes, layout, take, largest_mm, beyond }))
     }
 
     fn create(&self, take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
@@ -160,6 +162,8 @@ struct C3dDocument {
     layout: Layout,
     take: Take,
     largest_mm: f64,
+    /// What the parameters tell of that is not in the take.
+    beyond: Vec<String>,
 }
 
 impl Document for C3dDocument {
@@ -200,6 +204,11 @@ impl Document for C3dDocument {
             written = patch.offset + patch.bytes().len();
         }
         out.write_all(self.bytes.get(written..).unwrap_or(&[])).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+    }
+
+    fn beyond_take(&self) -> Vec<String> {
+        let residuals = beyond::has_residuals(&self.layout, &self.bytes).then(|| "residuals and cameras of the samples".to_owned());
+        self.beyond.iter().cloned().chain(residuals).collect()
     }
 
     fn as_floats(&self) -> Result<Option<Vec<u8>>, FormatError> {

@@ -233,6 +233,11 @@ impl<'a> Parameters<'a> {
         self.groups.iter().any(|(_, name)| name == group)
     }
 
+    /// Names of all groups, in upper case.
+    pub fn group_names(&self) -> impl Iterator<Item = &str> {
+        self.groups.iter().map(|(_, name)| name.as_str())
+    }
+
     /// True if the parameter exists and holds floats.
     pub fn is_float(&self, group: &str, name: &str) -> bool {
         self.find(group, name).is_some_and(|p| p.kind == 4)

@@ -1,7 +1,7 @@
 //! `convert`, compressed takes, and samples that are stated missing.
 
 use crate::lab::{Lab, column};
-use formats::{Direction, Origin, Take, Unit};
+use formats::{Direction, Format, Notes, Origin, Stated, Take, Unit};
 
 /// Largest distance between the samples of two takes that both know, in mm; infinite if one knows what the other does not.
 fn distance(a: &Take, b: &Take) -> f64 {
@@ -125,4 +125,18 @@ fn samples_stated_missing_are_filled() {
     }
     let ran = lab.run(&["walk-truth.c3d", "-o", "no.c3d", "--missing", "NOSE:1-2"]);
     assert!(ran.code == 1 && ran.err.contains("walk-truth.c3d: --missing NOSE:1-2 fits no marker; the take has"), "{}", ran.err);
+}
+/// A C3D of integers holds ±32767 steps and no more.
+#[test]
+fn integers_become_floats_where_that_is_needed() {
+    let lab = Lab::empty();
+    let bytes = std::fs::read(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/c3d/good/intel_integer.c3d")).unwrap();
+    lab.write("integer.c3d", &bytes);
+    lab.run(&["convert", "integer.c3d", "-o", "same.c3d"]).with_code(0);
+    assert_eq!(lab.read("same.c3d"), bytes);
+    let ran = lab.run(&["convert", "integer.c3d", "-o", "float.c3d", "--float"]).with_code(0);
+    assert!(ran.out.contains("coordinates stored as integers become floating-point numbers"), "{}", ran.out);
+    let open = |name: &str| formats::c3d::C3d.open(lab.read(name), &Stated::default(), &Notes::new()).unwrap().take().clone();
+    assert!(distance(&open("integer.c3d"), &open("float.c3d")) < 1e-3);
+    assert!(lab.read("float.c3d").len() > bytes.len());
 }

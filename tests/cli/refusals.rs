@@ -75,7 +75,10 @@ fn what_is_no_take_is_refused() {
     for (input, told) in [
         ("text.c3d", "text.c3d: named .c3d but not c3d: it holds text that begins \"Dear lab,"),
         ("empty.c3d", "empty.c3d: the file is empty (0 bytes)"),
-        ("noise.bin", "noise.bin: not a format we know: it begins with the bytes 7f 45 4c 46; expected one of: c3d, csv, bvh"),
+        (
+            "noise.bin",
+            "noise.bin: not a format we know: it begins with the bytes 7f 45 4c 46; expected one of: c3d, csv, motive, nexus, trc, tsv, bvh",
+        ),
         (
             "short.csv",
             "short.csv: csv: this row has 4 columns, the header has 5; nothing was skipped, delete or complete this row (line 3)",
@@ -193,7 +196,7 @@ fn names_that_cannot_be_meant_are_refused() {
     let ran = lab.run(&["walk-gaps.c3d", "-o", "walk.xyz"]);
     assert_eq!(ran.code, 1);
     assert!(
-        ran.err.contains("walk.xyz: the extension .xyz names no format that can be written; use one of: .c3d, .csv, .trc, .tsv"),
+        ran.err.contains("walk.xyz: the extension .xyz names no format that can be written; use one of: .bvh, .c3d, .csv, .trc, .tsv"),
         "{}",
         ran.err
     );

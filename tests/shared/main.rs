@@ -6,6 +6,7 @@
 
 mod bvh;
 mod c3d;
+mod survey;
 mod tables;
 mod text;
 
@@ -199,6 +200,12 @@ fn main() {
         ));
     }
     suite("bvh", tests);
+    let mut tests = Vec::new();
+    if !rows.is_empty() {
+        let (data, rows) = (folder.join("data"), rows.clone());
+        tests.push(Trial::test("what becomes of every file", move || survey::survey(&data, &rows)));
+    }
+    suite("survey", tests);
     let mut tests = Vec::new();
     for example in &EXAMPLES {
         let path = folder.join("data/cmu9").join(format!("{}.csv", example.take));
