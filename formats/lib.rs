@@ -29,7 +29,7 @@ mod turn;
 
 pub use error::{FormatError, Place, Problem};
 pub use grid::Grid;
-pub use note::{Note, Notes};
+pub use note::{Note, Notes, printable};
 pub use samples::Samples;
 pub use take::{Direction, Marker, Origin, Role, Take, TakeBuilder, Unit};
 

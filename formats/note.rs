@@ -198,48 +198,69 @@ impl Note {
     }
 }
 
+/// Text as it can be printed in one line: control characters, with which a damaged file could take over a terminal, become escapes.
+pub fn printable(text: &str) -> String {
+    text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
+        if c.is_control() {
+            out.extend(c.escape_default());
+        } else {
+            out.push(c);
+        }
+        out
+    })
+}
+
 impl std::fmt::Display for Note {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self {
-            Self::UnitAssumed { unit } => write!(f, "the file names no unit, {} assumed (say it with --units)", unit.symbol()),
-            Self::UnitUnknown { written, unit } => {
+        f.write_str(&printable(&Raw(self).to_string()))
+    }
+}
+
+/// The text with what stood in the file as it stood there.
+struct Raw<'a>(&'a Note);
+
+impl std::fmt::Display for Raw<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self.0 {
+            Note::UnitAssumed { unit } => write!(f, "the file names no unit, {} assumed (say it with --units)", unit.symbol()),
+            Note::UnitUnknown { written, unit } => {
                 write!(f, "the unit \"{written}\" is unknown, {} assumed (say it with --units)", unit.symbol())
             }
-            Self::RateAssumed { rate_hz } => write!(f, "the file names no frame rate, {rate_hz} Hz assumed (say it with --rate)"),
-            Self::ZeroReadAsMissing { samples } => write!(f, "{samples} samples at exactly 0 0 0 were read as missing"),
-            Self::StaleCoordinates { samples } => {
+            Note::RateAssumed { rate_hz } => write!(f, "the file names no frame rate, {rate_hz} Hz assumed (say it with --rate)"),
+            Note::ZeroReadAsMissing { samples } => write!(f, "{samples} samples at exactly 0 0 0 were read as missing"),
+            Note::StaleCoordinates { samples } => {
                 write!(f, "{samples} samples are flagged missing but still hold coordinates, which were not believed")
             }
-            Self::AllFlaggedMissing { with_coordinates, samples } => write!(
+            Note::AllFlaggedMissing { with_coordinates, samples } => write!(
                 f,
                 "all {samples} samples are flagged missing although {with_coordinates} hold coordinates: whoever wrote this file marked \
                  everything as not measured, so there is nothing to fill from; export it again with its residuals"
             ),
-            Self::ResidualGarbage { samples } => {
+            Note::ResidualGarbage { samples } => {
                 write!(f, "{samples} samples have a residual that makes no sense; their coordinates were believed")
             }
-            Self::FrameCount { claimed, present } => write!(f, "the file claims {claimed} frames and holds {present}"),
-            Self::Contradiction { text } | Self::Assumed { text } | Self::Damaged { text } => f.write_str(text),
-            Self::LabelCount { labels, columns } => write!(f, "{labels} labels for {columns} columns"),
-            Self::DuplicateLabels { labels } => write!(f, "labels that occur more than once: {}", labels.join(", ")),
-            Self::ModelOutputs { columns } => write!(f, "{columns} columns are model outputs, not markers; left as they are"),
-            Self::PartialSamples { samples } => {
+            Note::FrameCount { claimed, present } => write!(f, "the file claims {claimed} frames and holds {present}"),
+            Note::Contradiction { text } | Note::Assumed { text } | Note::Damaged { text } => f.write_str(text),
+            Note::LabelCount { labels, columns } => write!(f, "{labels} labels for {columns} columns"),
+            Note::DuplicateLabels { labels } => write!(f, "labels that occur more than once: {}", labels.join(", ")),
+            Note::ModelOutputs { columns } => write!(f, "{columns} columns are model outputs, not markers; left as they are"),
+            Note::PartialSamples { samples } => {
                 write!(f, "{samples} samples have only some of their coordinates; they count as missing, what is given stays as written")
             }
-            Self::OtherColumns { names } => write!(f, "columns that are no markers were left as they are: {}", some_of(names)),
-            Self::OtherBlocks { names } => write!(f, "blocks that hold no markers were left as they are: {}", some_of(names)),
-            Self::FrameStep { step } => {
+            Note::OtherColumns { names } => write!(f, "columns that are no markers were left as they are: {}", some_of(names)),
+            Note::OtherBlocks { names } => write!(f, "blocks that hold no markers were left as they are: {}", some_of(names)),
+            Note::FrameStep { step } => {
                 write!(f, "the frame numbers go up in steps of {step}; the rows were counted as consecutive frames")
             }
-            Self::Rounded { step_mm } => write!(f, "filled positions are rounded to the file's own step of {step_mm} mm"),
-            Self::Floats => f.write_str("coordinates stored as integers become floating-point numbers"),
-            Self::NotRealised { samples, worst_mm } => write!(
+            Note::Rounded { step_mm } => write!(f, "filled positions are rounded to the file's own step of {step_mm} mm"),
+            Note::Floats => f.write_str("coordinates stored as integers become floating-point numbers"),
+            Note::NotRealised { samples, worst_mm } => write!(
                 f,
                 "{samples} filled positions are nearly but not quite in the file, because its bones are rigid and known joints stay; the worst is \
                  {worst_mm:.3} mm off"
             ),
-            Self::LeftOut { what } => write!(f, "not in the new file: {what}"),
-            Self::NotExpressible { format, what } => write!(f, "{format} cannot hold {what}; left out"),
+            Note::LeftOut { what } => write!(f, "not in the new file: {what}"),
+            Note::NotExpressible { format, what } => write!(f, "{format} cannot hold {what}; left out"),
         }
     }
 }

@@ -234,7 +234,7 @@ impl Take {
     /// A name to print for a marker: its label, or its number in the file where the label is empty.
     pub fn display_label(&self, marker: usize) -> String {
         match self.markers.get(marker) {
-            Some(m) if !m.label.is_empty() => m.label.clone(),
+            Some(m) if !m.label.is_empty() => crate::printable(&m.label),
             _ => format!("#{}", marker + 1),
         }
     }

@@ -1,7 +1,7 @@
 //! Writes a new export from nothing but a take: its markers, as Motive 2 writes them (format version 1.23).
 
 use super::{INFO, NAME};
-use crate::text::fresh::{quoted, time, time_decimals, writable, write_position};
+use crate::text::fresh::{line_labels, quoted, time, time_decimals, writable, write_position};
 use crate::{FormatError, Notes, Take, Unit};
 use std::io::{self, BufWriter, Write};
 
@@ -12,10 +12,11 @@ use std::io::{self, BufWriter, Write};
 pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
     let columns = writable(take, &INFO, notes)?;
     let mut out = BufWriter::with_capacity(1 << 16, out);
-    write(take, &columns, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+    let labels = line_labels(&INFO, take, &columns, notes);
+    write(take, &columns, &labels, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
 }
 
-fn write(take: &Take, columns: &[usize], out: &mut dyn Write) -> io::Result<()> {
+fn write(take: &Take, columns: &[usize], labels: &[String], out: &mut dyn Write) -> io::Result<()> {
     let (rate, frames) = (take.rate_hz, take.frames());
     let unit = match take.unit {
         Unit::Millimetre => "Millimeters",
@@ -28,7 +29,7 @@ fn write(take: &Take, columns: &[usize], out: &mut dyn Write) -> io::Result<()> 
          Total Frames in Take,{frames},Total Exported Frames,{frames},Rotation Type,Quaternion,Length Units,{unit},Coordinate Space,Global\r\n\r\n,"
     )?;
     write!(out, "{}\r\n,", ",Marker,Marker,Marker".repeat(columns.len()))?;
-    for label in columns.iter().filter_map(|&c| take.markers.get(c)).map(|m| quoted(&m.label)) {
+    for label in labels.iter().map(|label| quoted(label)) {
         write!(out, ",{label},{label},{label}")?;
     }
     write!(out, "\r\n,")?;

@@ -1,7 +1,7 @@
 //! Writes a new export from nothing but a take: one block of trajectories, as Nexus writes it.
 
 use super::{INFO, NAME};
-use crate::text::fresh::{quoted, writable, write_position};
+use crate::text::fresh::{line_labels, quoted, writable, write_position};
 use crate::{FormatError, Notes, Take};
 use std::io::{self, BufWriter, Write};
 
@@ -12,12 +12,13 @@ use std::io::{self, BufWriter, Write};
 pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
     let columns = writable(take, &INFO, notes)?;
     let mut out = BufWriter::with_capacity(1 << 16, out);
-    write(take, &columns, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+    let labels = line_labels(&INFO, take, &columns, notes);
+    write(take, &columns, &labels, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
 }
 
-fn write(take: &Take, columns: &[usize], out: &mut dyn Write) -> io::Result<()> {
+fn write(take: &Take, columns: &[usize], labels: &[String], out: &mut dyn Write) -> io::Result<()> {
     write!(out, "Trajectories\r\n{}\r\n,", take.rate_hz)?;
-    for label in columns.iter().filter_map(|&c| take.markers.get(c)).map(|m| m.label.as_str()) {
+    for label in labels {
         write!(out, ",{},,", quoted(label))?;
     }
     write!(out, "\r\nFrame,Sub Frame{}\r\n,", ",X,Y,Z".repeat(columns.len()))?;

@@ -35,15 +35,26 @@ pub(crate) fn writable(take: &Take, info: &FormatInfo, notes: &Notes) -> Result<
 
 /// Labels for a header without quotes: no blanks around them, no tabs, line ends or other control characters, none empty. What was changed is noted.
 pub(crate) fn plain_labels(info: &FormatInfo, take: &Take, columns: &[usize], notes: &Notes) -> Vec<String> {
+    renamed(info, take, columns, notes, |number, label| {
+        let label = without_control(label);
+        if label.trim().is_empty() { format!("unlabelled_{}", number + 1) } else { label.trim().to_owned() }
+    })
+}
+
+/// Labels for a header with quotes that is read line by line: no line ends or other control characters. What was changed is noted.
+pub(crate) fn line_labels(info: &FormatInfo, take: &Take, columns: &[usize], notes: &Notes) -> Vec<String> {
+    renamed(info, take, columns, notes, |_, label| without_control(label))
+}
+
+fn without_control(label: &str) -> String {
+    label.chars().map(|c| if c.is_control() { '_' } else { c }).collect()
+}
+
+fn renamed(info: &FormatInfo, take: &Take, columns: &[usize], notes: &Notes, rename: impl Fn(usize, &str) -> String) -> Vec<String> {
     let mut changed = Vec::new();
     let mut labels = Vec::with_capacity(columns.len());
     for (number, marker) in columns.iter().filter_map(|&c| take.markers.get(c)).enumerate() {
-        let mut label: String = marker.label.chars().map(|c| if c.is_control() { '_' } else { c }).collect();
-        label.truncate(label.trim_end().len());
-        label.drain(..label.len() - label.trim_start().len());
-        if label.is_empty() {
-            label = format!("unlabelled_{}", number + 1);
-        }
+        let label = rename(number, &marker.label);
         if label != marker.label {
             changed.push(label.clone());
         }

@@ -15,6 +15,7 @@ use crate::solve::Method;
 use crate::solve::auto::Stiffness;
 use args::{BonesArg, ConvertArgs, RepairArgs, StatedArgs, rate};
 use clap::{CommandFactory, Parser, Subcommand, error::ErrorKind};
+use formats::printable;
 use serde::Serialize;
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -215,7 +216,7 @@ fn fail(error: &RepairError, json: bool) {
     if json {
         print(&lines(&[Message { text: error.to_string() }]));
     } else {
-        eprintln!("mocap-repair: {error}");
+        eprintln!("mocap-repair: {}", printable(&error.to_string()));
     }
 }
 
