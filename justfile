@@ -36,3 +36,7 @@ bench-em:
 # What the parts of the solvers cost
 bench:
     cargo bench --bench parts
+
+# opening files, beside ezc3d and pandas
+bench-files:
+    python tests/python/bench_files.py
