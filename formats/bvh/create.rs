@@ -11,6 +11,8 @@ use std::io::{self, BufWriter, Write};
 
 /// The name of the root, before its unit.
 const ROOT: &str = "origin_";
+/// The most letters of a name: more than anybody gives, fewer than readers stumble over.
+const LONGEST_NAME: usize = 200;
 /// Values of the root in every row: position and rotation.
 const STILL: &str = "0 0 0 0 0 0";
 
@@ -53,7 +55,7 @@ fn names(take: &Take, columns: &[usize], notes: &Notes) -> Vec<String> {
         .map(|&column| {
             let label = take.markers.get(column).map_or("", |m| m.label.as_str());
             let odd = |c: char| c.is_whitespace() || c.is_control() || matches!(c, '{' | '}');
-            let plain: String = label.chars().map(|c| if odd(c) { '_' } else { c }).collect();
+            let plain: String = label.chars().take(LONGEST_NAME).map(|c| if odd(c) { '_' } else { c }).collect();
             let plain = if plain.is_empty() { format!("marker_{}", column + 1) } else { plain };
             let mut name = plain.clone();
             while !taken.insert(name.clone()) {
@@ -68,7 +70,7 @@ fn names(take: &Take, columns: &[usize], notes: &Notes) -> Vec<String> {
     if changed > 0 {
         notes.not_expressible(
             &INFO,
-            format!("{changed} labels that are empty, occur twice, or have blanks or brackets (written with _ and numbers)"),
+            format!("{changed} labels that are empty, occur twice, are very long, or have blanks or brackets (written with _ and numbers)"),
         );
     }
     names
