@@ -121,6 +121,11 @@ pub enum Note {
         /// How far the worst of them is off.
         worst_mm: f64,
     },
+    /// Samples that were stated to be missing stay open, so the file still holds what it held.
+    StatedStays {
+        /// How many samples.
+        samples: usize,
+    },
     /// A new file was made, which does not have something that stood in the file that was read.
     LeftOut {
         /// What it is.
@@ -149,6 +154,7 @@ impl Note {
             | Self::FrameCount { .. }
             | Self::Assumed { .. }
             | Self::Damaged { .. }
+            | Self::StatedStays { .. }
             | Self::LeftOut { .. }
             | Self::NotExpressible { .. } => true,
             Self::NotRealised { worst_mm, .. } => *worst_mm > FAR_OFF_MM,
@@ -192,6 +198,7 @@ impl Note {
             Self::Rounded { .. } => "rounded",
             Self::Floats => "floats",
             Self::NotRealised { .. } => "not-realised",
+            Self::StatedStays { .. } => "stated-stays",
             Self::LeftOut { .. } => "left-out",
             Self::NotExpressible { .. } => "not-expressible",
         }
@@ -259,6 +266,9 @@ impl std::fmt::Display for Raw<'_> {
                 "{samples} filled positions are nearly but not quite in the file, because its bones are rigid and known joints stay; the worst is \
                  {worst_mm:.3} mm off"
             ),
+            Note::StatedStays { samples } => {
+                write!(f, "{samples} samples that are stated missing stay open, and the file still holds in their place what it held")
+            }
             Note::LeftOut { what } => write!(f, "not in the new file: {what}"),
             Note::NotExpressible { format, what } => write!(f, "{format} cannot hold {what}; left out"),
         }

@@ -125,7 +125,8 @@ impl std::fmt::Display for Direction {
 pub enum Role {
     /// A point on a body or a prop.
     Marker,
-    /// A result that a program stored among the points (an angle, a force, a power). Not millimetres, never filled, never a neighbour.
+    /// A result that a program stored among the points (an angle, a force, a power): the file's own numbers, whatever its unit of length.
+    /// Never filled, never a neighbour.
     ModelOutput,
 }
 
@@ -165,6 +166,8 @@ pub struct Take {
     pub rate_hz: f64,
     /// The file's own number of frame 0.
     pub first_frame: i64,
+    /// By how much the file's own numbers go up from frame to frame; nearly always 1.
+    pub frame_step: i64,
     /// The unit that the file is written in. Positions in here are millimetres whatever this says.
     pub unit: Unit,
     /// The axis that points up, if the file says so.
@@ -195,7 +198,7 @@ impl Take {
 
     /// The number that the file gives to `frame`.
     pub fn frame_label(&self, frame: usize) -> i64 {
-        self.first_frame.saturating_add(i64::try_from(frame).unwrap_or(i64::MAX))
+        self.first_frame.saturating_add(i64::try_from(frame).unwrap_or(i64::MAX).saturating_mul(self.frame_step))
     }
 
     /// Where the sample came from; `Missing` outside the table.
@@ -257,6 +260,7 @@ impl TakeBuilder {
             take: Take {
                 rate_hz,
                 first_frame: 1,
+                frame_step: 1,
                 unit: Unit::Millimetre,
                 up: None,
                 filled_by: None,
@@ -289,6 +293,13 @@ impl TakeBuilder {
     #[must_use]
     pub fn first_frame(mut self, first_frame: i64) -> Self {
         self.take.first_frame = first_frame;
+        self
+    }
+
+    /// Sets by how much the file's own numbers go up from frame to frame.
+    #[must_use]
+    pub fn frame_step(mut self, frame_step: i64) -> Self {
+        self.take.frame_step = frame_step;
         self
     }
 

@@ -2,14 +2,14 @@
 
 use crate::compression;
 use crate::input::{Opened, Reading, open};
-use crate::output::{self, Names, Way};
+use crate::output::{self, Names, Way, Written};
 use crate::repair::RepairError;
 use crate::report::{count, lines, short};
 use crate::staging;
-use formats::{Direction, Format, Note, Role, Take, Unit};
+use formats::{Direction, Format, Note, Notes, Role, Take, Unit};
 use serde::Serialize;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What is wanted.
 #[derive(Clone)]
@@ -57,19 +57,23 @@ pub fn convert(wanted: &Conversion) -> Result<Converted, RepairError> {
     Names { input: &wanted.input, output: &wanted.output, beside: Vec::new(), in_place: false, force: wanted.force }.check()?;
     let opened = open(&wanted.input, &wanted.reading)?;
     let take = changed(wanted, &opened)?;
-    let was = opened.document.take();
-    let same = (take.unit, take.up) == (was.unit, was.up) && wanted.up.is_none() && wanted.reading.missing.is_empty();
-    let way = match (wanted.to, output::way(&wanted.input, opened.format, &wanted.output)) {
-        (Some(to), _) if to.info().name != opened.format.info().name => Way::New(to),
+    let same = unchanged(wanted, &opened, &take)?;
+    let input = opened.format;
+    if let Some(to) = wanted.to {
+        agrees(&wanted.output, to)?;
+    }
+    let way = match (wanted.to, output::way(&wanted.input, input, &wanted.output)) {
+        (Some(to), _) if to.info().name != input.info().name => Way::New(to),
         (None, Way::New(to)) => Way::New(to),
         _ if same => Way::Patched,
-        _ => Way::New(opened.format),
+        _ => Way::New(input),
     };
-    let Opened { format: input, document, notes, .. } = opened;
-    let file = output::write(way, input, document, &notes, &take, &wanted.reading.stated, &wanted.output)?;
+    let compressed = compression::is_named(&wanted.output);
+    let whole = !wanted.reading.float && compressed == opened.compressed;
+    let Written { file, notes, .. } = output::write(way, opened, &take, compressed, &wanted.output)?;
     staging::publish(file, &wanted.output).map_err(|e| output::unwritable(&wanted.output, &e))?;
     let (to, copied) = match way {
-        Way::Patched => (input, true),
+        Way::Patched => (input, whole),
         Way::New(to) => (to, false),
     };
     Ok(Converted {
@@ -77,7 +81,7 @@ pub fn convert(wanted: &Conversion) -> Result<Converted, RepairError> {
         output: wanted.output.clone(),
         from: input.info().name,
         to: to.info().name,
-        copied: copied && !wanted.reading.float && compression::is_named(&wanted.input) == compression::is_named(&wanted.output),
+        copied,
         markers: take.markers.iter().filter(|m| m.role == Role::Marker).count(),
         frames: take.frames(),
         rate_hz: take.rate_hz,
@@ -85,6 +89,35 @@ pub fn convert(wanted: &Conversion) -> Result<Converted, RepairError> {
         up: take.up,
         notes: notes.take(),
     })
+}
+
+/// True if the file that was opened says by itself all that the written one is to say, so that its bytes will do.
+fn unchanged(wanted: &Conversion, opened: &Opened, take: &Take) -> Result<bool, RepairError> {
+    let said = |take: &Take| (take.rate_hz, take.unit, take.up);
+    let stated = &opened.stated;
+    if !stated.missing.is_empty() || wanted.up.is_some() || said(take) != said(opened.document.take()) {
+        return Ok(false);
+    }
+    let silent = |notes: &Notes| notes.take().iter().any(|n| matches!(n, Note::UnitAssumed { .. } | Note::UnitUnknown { .. }));
+    if stated.rate_hz.is_none() && stated.unit.is_none() {
+        return Ok(wanted.unit.is_none() || !silent(&opened.notes));
+    }
+    let alone = open(&wanted.input, &Reading::default())?;
+    Ok(said(alone.document.take()) == said(take) && !(silent(&alone.notes) && (wanted.unit.is_some() || stated.unit.is_some())))
+}
+
+/// A name must not belong to other formats only.
+fn agrees(output: &Path, to: &'static dyn Format) -> Result<(), RepairError> {
+    let inner = compression::inner_name(output);
+    let extension = inner.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
+    match formats::by_extension(&extension) {
+        Some(usual) if !to.info().extensions.contains(&extension.as_str()) => {
+            let (name, usual, right) = (to.info().name, usual.info().name, to.info().extensions.first().copied().unwrap_or_default());
+            let problem = format!("is named like {usual}, but --to asks for {name}; name it .{right}");
+            Err(RepairError::Io { path: output.to_owned(), problem })
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The take as it is to be written.

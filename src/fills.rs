@@ -3,7 +3,7 @@
 use crate::gaps::Open;
 use crate::solve::auto::LEAST_SEEN;
 use crate::solve::{Estimate, Gap, Method, Problem};
-use formats::Take;
+use formats::{Origin, Take, TakeBuilder};
 use std::io::{self, Write};
 
 /// A sample that was filled.
@@ -71,6 +71,19 @@ pub fn fill(
         }
     }
     filled
+}
+
+/// Brings filled samples, and the repaired take, to where the written file has them. What they were moved by adds to their predicted error.
+pub fn as_written(samples: &mut [Filled], repaired: Take, written: &Take) -> Take {
+    let mut moved = TakeBuilder::from(repaired);
+    for s in samples {
+        let Some(position_mm) = written.position_mm(s.frame, s.marker) else { continue };
+        let by_mm = position_mm.iter().zip(s.position_mm).map(|(is, was)| (is - was).powi(2)).sum::<f64>().sqrt();
+        s.position_mm = position_mm;
+        s.sigma_mm = s.sigma_mm.hypot(by_mm);
+        moved.set(s.frame, s.marker, position_mm, Origin::Repaired);
+    }
+    moved.build()
 }
 
 /// Writes one row per filled sample: `frame_index` (from 0), `frame` (the file's number), `marker`, `x`, `y`, `z` (mm), `sigma_mm` (empty if unknown),

@@ -35,6 +35,10 @@ pub struct Opened {
     pub notes: Notes,
     /// SHA-256 of the file as it lies there, hexadecimal.
     pub sha256: String,
+    /// What was stated, with the samples that `--missing` named.
+    pub stated: Stated,
+    /// The file is compressed.
+    pub compressed: bool,
 }
 
 /// Reads and opens a file, expanded if it is compressed.
@@ -45,6 +49,7 @@ pub fn open(path: &Path, reading: &Reading) -> Result<Opened, RepairError> {
     let wrong = |error: FormatError| RepairError::Format { path: path.to_owned(), error };
     let bytes = read(path)?;
     let sha256 = hex(&Sha256::digest(&bytes));
+    let compressed = compression::is_compressed(&bytes);
     let bytes = expand(bytes, path)?;
     let name = compression::inner_name(path);
     let extension = name.extension().and_then(|e| e.to_str());
@@ -68,7 +73,7 @@ pub fn open(path: &Path, reading: &Reading) -> Result<Opened, RepairError> {
         document = format.open(floats, &stated, &notes).map_err(wrong)?;
         notes.add(Note::Floats);
     }
-    Ok(Opened { format, document, notes, sha256 })
+    Ok(Opened { format, document, notes, sha256, stated, compressed })
 }
 
 /// The content of a file: expanded if its bytes are compressed.

@@ -1,5 +1,6 @@
 //! Samples that the user states to be missing, although the file holds something in their place.
 
+use crate::input::plain;
 use crate::repair::matches;
 use formats::{Role, Samples, Take};
 use std::path::Path;
@@ -69,37 +70,46 @@ struct Stretch {
 pub fn resolve(texts: &[String], take: &Take) -> Result<Samples, MissingError> {
     let mut missing = Samples::new();
     let (from, to) = (take.frame_label(0), take.frame_label(take.frames().saturating_sub(1)));
+    let labels: Vec<(usize, String)> =
+        (0..take.markers.len()).filter(|&m| take.markers[m].role == Role::Marker).map(|m| (m, take.display_label(m))).collect();
+    let fits = |pattern: &str, (column, label): &(usize, String)| matches(pattern, label) || matches(pattern, take.markers[*column].name());
     for text in texts {
-        let stretches = if Path::new(text).is_file() { table(text)? } else { vec![stretch(text)] };
+        let whole = labels.iter().any(|label| fits(text, label));
+        let stretches = if whole {
+            vec![Stretch { text: text.clone(), pattern: text.clone(), frames: None }]
+        } else if Path::new(text).extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) || Path::new(text).is_file() {
+            table(text)?
+        } else {
+            vec![stretch(text)]
+        };
         for Stretch { text, pattern, frames } in stretches {
             let (first, last) = frames.unwrap_or((from, to));
             if first > last || first < from || last > to {
                 return Err(MissingError::NoSuchFrames { text, first, last, from, to });
             }
-            let mut fits = false;
-            for (column, marker) in take.markers.iter().enumerate() {
-                let label = take.display_label(column);
-                if marker.role == Role::Marker && (matches(&pattern, &label) || matches(&pattern, marker.name())) {
-                    fits = true;
-                    for frame in first..=last {
-                        missing.insert(usize::try_from(frame - from).unwrap_or(usize::MAX), column);
-                    }
-                }
-            }
-            if !fits {
-                let labels = (0..take.markers.len()).map(|m| take.display_label(m)).collect::<Vec<_>>().join(", ");
+            let columns: Vec<usize> = labels.iter().filter(|label| fits(&pattern, label)).map(|(column, _)| *column).collect();
+            if columns.is_empty() {
+                let labels = labels.iter().map(|(_, label)| label.as_str()).collect::<Vec<_>>().join(", ");
                 return Err(MissingError::NoSuchMarker { text, labels });
+            }
+            let meant = (0..take.frames()).filter(|&frame| (first..=last).contains(&take.frame_label(frame)));
+            for frame in meant {
+                for &column in &columns {
+                    missing.insert(frame, column);
+                }
             }
         }
     }
     Ok(missing)
 }
 
-/// `MARKER`, `MARKER:FRAME` or `MARKER:FIRST-LAST`. Labels may have colons, so only the last one counts, and only before numbers.
+/// `MARKER`, `MARKER:FRAME` or `MARKER:FIRST-LAST`. Labels may have colons, so only the last one counts, and only before numbers,
+/// which may be negative.
 fn stretch(text: &str) -> Stretch {
     let numbers = |frames: &str| -> Option<(i64, i64)> {
-        match frames.split_once('-') {
-            Some((first, last)) => Some((first.parse().ok()?, last.parse().ok()?)),
+        let sign = frames.len() - frames.trim_start_matches('-').len();
+        match frames.get(sign..)?.split_once('-') {
+            Some((first, last)) => Some((frames.get(..sign + first.len())?.parse().ok()?, last.parse().ok()?)),
             None => frames.parse().ok().map(|frame| (frame, frame)),
         }
     };
@@ -111,8 +121,10 @@ fn stretch(text: &str) -> Stretch {
 /// The rows of a table.
 fn table(path: &str) -> Result<Vec<Stretch>, MissingError> {
     let unreadable = |problem: String| MissingError::Table { path: path.to_owned(), problem };
-    let bytes = std::fs::read(path).map_err(|e| unreadable(e.to_string()))?;
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).flexible(true).from_reader(bytes.as_slice());
+    let bytes = std::fs::read(path).map_err(|e| unreadable(plain(&e)))?;
+    let head = bytes.split(|&b| b == b'\n').next().unwrap_or_default();
+    let separator = [b',', b';', b'\t'].into_iter().find(|s| head.contains(s)).unwrap_or(b',');
+    let mut reader = csv::ReaderBuilder::new().delimiter(separator).trim(csv::Trim::All).flexible(true).from_reader(bytes.as_slice());
     let header = reader.headers().map_err(|e| unreadable(e.to_string()))?.clone();
     let column = |name: &str| header.iter().position(|h| h.trim_start_matches('\u{feff}').eq_ignore_ascii_case(name));
     let frames = column("frame").map(|c| (c, c)).or_else(|| Some((column("first_frame")?, column("last_frame")?)));
@@ -156,9 +168,22 @@ mod tests {
         assert_eq!(resolved(&["s:LKNE:5-6", "RKNE:14", "#3:7"]), Ok(vec![(0, 0), (1, 0), (2, 2), (9, 1)]));
         assert_eq!(resolved(&["?KNE:5"]), Ok(vec![(0, 0), (0, 1)]));
         assert_eq!(resolved(&["s:LKNE"]).map(|s| s.len()), Ok(10));
+        assert_eq!(resolved(&["s:5"]), Err("--missing s:5 fits no marker; the take has s:LKNE, RKNE, #3".into()));
         assert_eq!(resolved(&["LKNE:4-6"]), Err("--missing LKNE:4-6 names frames 4 to 6, the take has 5 to 14".into()));
         assert_eq!(resolved(&["LKNE:7-6"]), Err("--missing LKNE:7-6 names frames 7 to 6, the take has 5 to 14".into()));
         assert_eq!(resolved(&["WRI:7"]), Err("--missing WRI:7 fits no marker; the take has s:LKNE, RKNE, #3".into()));
+    }
+
+    #[test]
+    fn labels_and_numbers_that_look_like_each_other() {
+        let markers = ["Unlabeled:1034", "A"].map(Marker::new).to_vec();
+        let take = TakeBuilder::new(markers, 4, 100.0).first_frame(-3).frame_step(10).build();
+        let resolved = |text: &str| resolve(&[text.to_owned()], &take).map(|s| s.iter().collect::<Vec<_>>()).map_err(|e| e.to_string());
+        assert_eq!(resolved("Unlabeled:1034").map(|s| s.len()), Ok(4));
+        assert_eq!(resolved("A:-3"), Ok(vec![(0, 1)]));
+        assert_eq!(resolved("A:-3-7"), Ok(vec![(0, 1), (1, 1)]));
+        assert_eq!(resolved("A:7-20"), Ok(vec![(1, 1), (2, 1)]), "17 is the third frame");
+        assert_eq!(resolved("not-there.csv"), Err("not-there.csv: cannot be read: no such file or folder".into()));
     }
 
     #[test]
@@ -169,6 +194,8 @@ mod tests {
         assert_eq!(resolved(&[&path]), Ok(vec![(0, 1), (1, 1)]));
         std::fs::write(&path, "marker,first_frame,last_frame\nRKNE,5,6\n").unwrap();
         assert_eq!(resolved(&[&path]), Ok(vec![(0, 1), (1, 1)]));
+        std::fs::write(&path, "marker;frame\nRKNE;5\n").unwrap();
+        assert_eq!(resolved(&[&path]), Ok(vec![(0, 1)]));
         std::fs::write(&path, "a,b\n1,2\n").unwrap();
         assert!(resolved(&[&path]).unwrap_err().contains("the header is a, b; expected the columns marker and frame"));
         std::fs::write(&path, "marker,frame\nRKNE,x\n").unwrap();

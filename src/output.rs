@@ -1,11 +1,11 @@
 //! Where a take is written: names that may be used, the format, the bytes, and the proof that they are right.
 
 use crate::compression;
-use crate::input::{expand, plain};
+use crate::input::{Opened, expand, plain};
 use crate::repair::RepairError;
 use crate::staging;
 use crate::verify::verify;
-use formats::{Document, Format, FormatError, Note, Notes, Samples, Stated, Take};
+use formats::{Format, FormatError, Note, Notes, Origin, Samples, Stated, Take};
 use std::collections::BTreeSet;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -34,20 +34,25 @@ pub fn way(input: &Path, format: &'static dyn Format, output: &Path) -> Way {
     }
 }
 
+/// A take that lies in a hidden file beside its final name, whole and proven.
+pub struct Written {
+    /// The file; only its name is missing.
+    pub file: NamedTempFile,
+    /// What was assumed, lost, or found odd, from the first byte read to the last one written.
+    pub notes: Notes,
+    /// SHA-256 of the file that was read.
+    pub sha256: String,
+    /// The take as the file holds it, if filled samples came out elsewhere than they were put, as joints of rigid skeletons may.
+    pub elsewhere: Option<Take>,
+}
+
 /// Writes `take` into a hidden file beside `output`, opens that again and holds it against the take.
-/// Only the name is missing then. With [`Way::Patched`] `take` is the take of `document`, which `input` opened, with some samples filled.
+/// With [`Way::Patched`] `take` is the take that was opened, with some samples filled.
 ///
 /// # Errors
 /// The take cannot be written so, or the written file is not what it should be.
-pub fn write(
-    way: Way,
-    input: &'static dyn Format,
-    document: Box<dyn Document>,
-    notes: &Notes,
-    take: &Take,
-    stated: &Stated,
-    output: &Path,
-) -> Result<NamedTempFile, RepairError> {
+pub fn write(way: Way, opened: Opened, take: &Take, compressed: bool, output: &Path) -> Result<Written, RepairError> {
+    let Opened { format: input, document, notes, sha256, stated, .. } = opened;
     let mut file = staging::beside(output).map_err(|e| unwritable(output, &e))?;
     let format = match way {
         Way::Patched => input,
@@ -56,26 +61,33 @@ pub fn write(
     let io_error = |e: io::Error| FormatError::io(format.info().name, e);
     let written = {
         let mut out = io::BufWriter::with_capacity(1 << 20, file.as_file_mut());
-        let result = compression::through(&mut out, compression::is_named(output), io_error, |out| match way {
-            Way::Patched => document.save(take, out, notes),
+        let result = compression::through(&mut out, compressed, io_error, |out| match way {
+            Way::Patched => document.save(take, out, &notes),
             Way::New(format) => {
                 for what in document.beyond_take().into_iter().chain(notes.take().iter().filter_map(only_kept_in_place)) {
                     notes.add(Note::LeftOut { what });
                 }
-                format.create(take, out, notes)
+                format.create(take, out, &notes)
             }
         });
         result.and_then(|()| out.flush().map_err(io_error))
     };
     written.map_err(|error| RepairError::Format { path: output.to_owned(), error })?;
+    // What was stated to be missing and stays so is in the patched file as it was, and is missing only to whoever states it again.
+    let open: Samples = stated.missing.iter().filter(|&(frame, marker)| take.origin(frame, marker) == Origin::Missing).collect();
     let patched = matches!(way, Way::Patched).then(|| document.leeway(&notes.take()));
+    if patched.is_some() && !open.is_empty() {
+        notes.add(Note::StatedStays { samples: open.len() });
+    }
+    let elsewhere = patched.is_some_and(|leeway| leeway.filled_mm > document.rounding_mm());
     drop(document); // the bytes that were read: there must be room for those that were written
     file.as_file().sync_all().map_err(|e| unwritable(output, &e))?;
     let back = std::fs::read(file.path()).map_err(|e| unwritable(output, &e))?;
-    let back = expand(back, output)?;
-    let stated = if patched.is_some() { Stated { missing: Samples::new(), ..stated.clone() } } else { Stated::default() };
-    verify(back, format, &stated, take, patched).map_err(|error| RepairError::Verify { path: output.to_owned(), error })?;
-    Ok(file)
+    let back = if compressed { expand(back, output)? } else { back };
+    let stated = if patched.is_some() { Stated { missing: open, ..stated } } else { Stated::default() };
+    let back = verify(back, format, &stated, take, patched).map_err(|error| RepairError::Verify { path: output.to_owned(), error })?;
+    let elsewhere = elsewhere.then(|| back.take().clone());
+    Ok(Written { file, notes, sha256, elsewhere })
 }
 
 /// What a note told of that was left as it is, and is lost with the file that it stood in.
@@ -130,7 +142,7 @@ impl Names<'_> {
             return stop(self.output, &format!("the extension .{extension} names no format that can be written; use one of: {known}"));
         }
         if !self.in_place && staging::same_file(self.input, self.output) {
-            return stop(self.output, "is the input itself; give another name, or say --in-place");
+            return stop(self.output, "is the input itself; give another name, or repair with --in-place");
         }
         let mut names: Vec<&Path> = Vec::new();
         if !self.in_place {
@@ -157,7 +169,8 @@ impl Names<'_> {
             if name.exists() && !name.is_file() {
                 return stop(name, "is a device or a pipe, which a file cannot take the place of; give another name");
             }
-            if name.exists() && !self.force {
+            // a link that leads nowhere is there as well
+            if (name.exists() || name.is_symlink()) && !self.force {
                 return stop(name, "exists already; give another name, or say --force to replace it");
             }
             if !staging::folder(name).is_dir() {

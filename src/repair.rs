@@ -5,13 +5,13 @@ use crate::gaps::{Open, Policy, gaps};
 use crate::input::{Opened, Reading, hex, open, read};
 use crate::log::{About, Closing, LogError, McapLog};
 use crate::missing::MissingError;
-use crate::output::{self, Names, original_name, unwritable};
+use crate::output::{self, Names, Written, original_name, unwritable};
 use crate::report::{GapReport, Report, StageReport};
 use crate::solve::auto::Stiffness;
 use crate::solve::lds::{EStep, Hidden, Init};
 use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Solved, Stop};
 use crate::verify::Broken;
-use crate::{fills, staging};
+use crate::{compression, fills, staging};
 use formats::{DetectError, FormatError, Role, Take};
 use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
@@ -183,9 +183,8 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         }
         report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
         report.attach_explanations(&found);
-        report.judge_bones(&bones, &repaired, request.hard());
         drop(problem); // as large as the take, and of no more use
-        return write_out(request, opened, &repaired, log, report);
+        return write_out(request, opened, repaired, &bones, log, report);
     }
     report.notes = opened.notes.take();
     Ok(report)
@@ -293,17 +292,29 @@ fn start_log(request: &Request, opened: &Opened, bones: &[Bone], report: &mut Re
 }
 
 /// Writes the output, proves it, and puts everything in place: the table and the log first, the output last.
-fn write_out(request: &Request, opened: Opened, repaired: &Take, log: Option<McapLog>, mut report: Report) -> Result<Report, RepairError> {
-    let Opened { format: input, document, notes, sha256 } = opened;
+fn write_out(
+    request: &Request,
+    opened: Opened,
+    mut repaired: Take,
+    bones: &[Bone],
+    log: Option<McapLog>,
+    mut report: Report,
+) -> Result<Report, RepairError> {
     let target = &request.output;
-    let way = output::way(&request.input, input, target);
-    let file = output::write(way, input, document, &notes, repaired, &request.reading.stated, target)?;
+    let way = output::way(&request.input, opened.format, target);
+    // what replaces a compressed file is compressed, whatever its name
+    let compressed = compression::is_named(target) || (request.in_place && opened.compressed);
+    let Written { file, notes, sha256, elsewhere } = output::write(way, opened, &repaired, compressed, target)?;
+    if let Some(written) = elsewhere {
+        repaired = fills::as_written(&mut report.samples, repaired, &written);
+    }
+    report.judge_bones(bones, &repaired, request.hard());
 
     // From here on everything is written; what remains are names.
     let mut placed = Placed::default();
     if let Some(path) = &request.fills {
         let mut table = staging::beside(path).map_err(|e| unwritable(path, &e))?;
-        fills::write(&report.samples, repaired, request.method, &mut table).map_err(|e| unwritable(path, &e))?;
+        fills::write(&report.samples, &repaired, request.method, &mut table).map_err(|e| unwritable(path, &e))?;
         placed.add(path, staging::publish(table, path).map_err(|e| unwritable(path, &e)))?;
     }
     if let (Some(log), Some(path)) = (log, &request.log) {

@@ -1,7 +1,7 @@
 //! Holds what was written against the promises, before anybody can see it.
 //!
 //! The written bytes are opened again as a stranger would open them.
-//! Names, frame count and rate must be those of the take; every sample that was known must come back exactly (or, in another format, as near as that format
+//! Frame count, rate and what each column is must be those of the take, and in a patched file every name; every sample that was known must come back exactly (or, in another format, as near as that format
 //! can say); every filled sample must be there; and nothing else may have appeared.
 //!
 //! Where samples depend on each other, as joints on the angles of others, those of a frame in which something was filled come back as near as the opened
@@ -15,14 +15,23 @@ use formats::{Document, Format, Leeway, Notes, Origin, Role, Stated, Take};
 pub struct Broken(String);
 
 /// Opens `written` with `format` and compares it with the repaired take.
+/// Returns the written file, opened.
+///
 /// `patched` is what the opened document allows ([`Document::leeway`]) if its bytes were patched; `None` if a new file of another format was made.
 ///
 /// # Errors
 /// The first difference, or that the file does not open.
-pub fn verify(written: Vec<u8>, format: &dyn Format, stated: &Stated, repaired: &Take, patched: Option<Leeway>) -> Result<(), Broken> {
+pub fn verify(
+    written: Vec<u8>,
+    format: &dyn Format,
+    stated: &Stated,
+    repaired: &Take,
+    patched: Option<Leeway>,
+) -> Result<Box<dyn Document>, Broken> {
     let notes = Notes::new();
     let document = format.open(written, stated, &notes).map_err(|e| Broken(format!("it does not open ({e})")))?;
-    compare(document.as_ref(), repaired, patched, format.info().holds_gaps)
+    compare(document.as_ref(), repaired, patched, format.info().holds_gaps)?;
+    Ok(document)
 }
 
 fn compare(document: &dyn Document, repaired: &Take, patched: Option<Leeway>, holds_gaps: bool) -> Result<(), Broken> {
@@ -42,8 +51,15 @@ fn compare(document: &dyn Document, repaired: &Take, patched: Option<Leeway>, ho
     if same_format && take.markers != repaired.markers {
         return broken("the labels differ".to_owned());
     }
+    if let Some(column) = (0..columns.len())
+        .find(|&c| take.markers.get(c).map(|m| m.role) != columns.get(c).and_then(|&m| repaired.markers.get(m)).map(|m| m.role))
+    {
+        return broken(format!("column {} is a marker in one and a model output in the other", repaired.display_label(columns[column])));
+    }
     // a rate that goes through a 32-bit float or a column of times is only as exact as those
-    if (take.rate_hz - repaired.rate_hz).abs() > 1e-3 * repaired.rate_hz.abs() {
+    // and a single frame has none in a column of times, which whoever wrote it noted
+    let timed = same_format || repaired.frames() > 1;
+    if timed && (take.rate_hz - repaired.rate_hz).abs() > 1e-3 * repaired.rate_hz.abs() {
         return broken(format!("{} Hz instead of {}", take.rate_hz, repaired.rate_hz));
     }
     let rounding_mm = document.rounding_mm();

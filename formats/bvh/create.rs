@@ -86,6 +86,9 @@ fn note_losses(take: &Take, columns: &[usize], notes: &Notes) {
     if let Some(up) = take.up {
         lost(format!("which axis points up ({up}, most viewers take +y)"));
     }
+    if take.frame_step != 1 {
+        lost(format!("frame numbers in steps of {}", take.frame_step));
+    }
     if take.first_frame != 1 {
         lost(format!("the number of the first frame ({})", take.first_frame));
     }

@@ -141,6 +141,9 @@ impl FrameNumbers {
         let too_many = || FormatError::too_large(NAME, Place::Whole, format!("{} frames are more than a C3D can number", take.frames()));
         let frames = u32::try_from(take.frames()).map_err(|_| too_many())?;
         let fits = |&first: &u32| first.checked_add(frames).is_some();
+        if take.frame_step != 1 {
+            notes.not_expressible(&INFO, format!("frame numbers in steps of {}", take.frame_step));
+        }
         let first = u32::try_from(take.first_frame).ok().filter(fits).unwrap_or_else(|| {
             notes.not_expressible(&INFO, format!("a first frame of number {}", take.first_frame));
             1
@@ -230,12 +233,14 @@ pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<
 /// Coordinates in the file's unit, and the fourth word.
 fn sample(take: &Take, frame: usize, marker: usize) -> Result<[f32; 4], FormatError> {
     let Some(position_mm) = take.position_mm(frame, marker) else { return Ok([0.0, 0.0, 0.0, -1.0]) };
-    let [mut x, y, z] = position_mm.map(|c| (c / take.unit.mm()) as f32);
+    let role = take.markers.get(marker).map_or(Role::Marker, |m| m.role);
+    // angles and the like have no unit of length
+    let unit_mm = if role == Role::Marker { take.unit.mm() } else { 1.0 };
+    let [mut x, y, z] = position_mm.map(|c| (c / unit_mm) as f32);
     if ![x, y, z].iter().all(|c| c.is_finite()) {
         let text = format!("{} in frame {} is too far away for 32-bit floats", take.display_label(marker), take.frame_label(frame));
         return Err(FormatError::unsupported(NAME, Place::Whole, text));
     }
-    let role = take.markers.get(marker).map_or(Role::Marker, |m| m.role);
     if role == Role::Marker && [x, y, z] == [0.0; 3] {
         x = NOT_THE_ORIGIN;
     }

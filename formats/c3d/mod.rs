@@ -76,7 +76,7 @@ impl Format for C3d {
             .up(up)
             .missing(&stated.missing)
             .multiples_of_mm(step_mm);
-        let (take, largest_mm) = points::read(&layout, &bytes, builder, &roles, step_mm, notes);
+        let (take, largest_mm) = points::read(&layout, &bytes, builder, &roles, (step_mm, unit.mm()), notes);
         let beyond = beyond::parameters(&parameters);
         Ok(Box::new(C3dDocument { bytes, layout, take, largest_mm, beyond }))
     }

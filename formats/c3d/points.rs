@@ -117,9 +117,17 @@ fn walk_integers(layout: &Layout, data: &[u8], number: impl Fn([u8; 2]) -> i16, 
 }
 
 /// Reads all samples into `builder`, whose columns have the given roles.
-/// `step_mm` is the length of a stored 1 in mm. Returns the take and the largest coordinate of a marker in mm.
-pub(super) fn read(layout: &Layout, bytes: &[u8], mut builder: TakeBuilder, roles: &[Role], step_mm: f64, notes: &Notes) -> (Take, f64) {
+/// `step_mm` is the length of a stored 1 in mm, `unit_mm` that of the file's unit, which means nothing to model outputs. Returns the take and the largest coordinate of a marker in mm.
+pub(super) fn read(
+    layout: &Layout,
+    bytes: &[u8],
+    mut builder: TakeBuilder,
+    roles: &[Role],
+    (step_mm, unit_mm): (f64, f64),
+    notes: &Notes,
+) -> (Take, f64) {
     let role = |column: usize| roles.get(column).copied().unwrap_or(Role::Marker);
+    let step = |role: Role| if role == Role::Marker { step_mm } else { step_mm / unit_mm };
     let mut tally = Tally::default();
     let mut unsaid = false;
     let mut largest = 0.0_f32;
@@ -132,7 +140,7 @@ pub(super) fn read(layout: &Layout, bytes: &[u8], mut builder: TakeBuilder, role
             if role == Role::Marker {
                 largest = sample.0.iter().fold(largest, |most, c| most.max(c.abs()));
             }
-            builder.set_multiples(frame, column, sample.0, step_mm, Origin::Measured);
+            builder.set_multiples(frame, column, sample.0, step(role), Origin::Measured);
         }
     });
     tally.note(notes);
@@ -140,7 +148,7 @@ pub(super) fn read(layout: &Layout, bytes: &[u8], mut builder: TakeBuilder, role
     if unsaid && tally.used {
         walk(layout, bytes, |frame, column, sample| {
             if kind(sample, role(column)) == Kind::Unsaid {
-                builder.set_multiples(frame, column, sample.0, step_mm, Origin::Derived);
+                builder.set_multiples(frame, column, sample.0, step(role(column)), Origin::Derived);
             }
         });
     }

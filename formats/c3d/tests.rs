@@ -374,3 +374,20 @@ fn every_cut_is_an_error_or_noted() {
         }
     }
 }
+
+#[test]
+fn model_outputs_have_no_unit_of_length() {
+    let markers = vec![Marker::new("A"), Marker { label: "LKneeAngles".into(), role: Role::ModelOutput }];
+    for unit in Unit::ALL {
+        let mut b = TakeBuilder::new(markers.clone(), 1, 100.0).unit(unit);
+        b.set(0, 0, [1000.0, 2000.0, 3000.0], Origin::Measured);
+        b.set(0, 1, [45.5, -3.25, 0.0], Origin::Measured);
+        let mut bytes = Vec::new();
+        C3d.create(&b.build(), &mut bytes, &Notes::new()).unwrap();
+        let bytes_45: Vec<u8> = 45.5_f32.to_le_bytes().to_vec();
+        assert!(bytes.windows(4).any(|w| w == bytes_45), "{unit:?}: another reader finds degrees");
+        let document = C3d.open(bytes, &Stated::default(), &Notes::new()).unwrap();
+        assert_eq!(document.take().position_mm(0, 1), Some([45.5, -3.25, 0.0]), "{unit:?}");
+        assert_eq!(document.take().position_mm(0, 0), Some([1000.0, 2000.0, 3000.0]), "{unit:?}");
+    }
+}

@@ -46,7 +46,7 @@ impl AddRows {
             out.extend_from_slice(line_end);
         }
         let position = take.position_mm(frame, marker).unwrap_or_default();
-        let number = take.first_frame.saturating_add(i64::try_from(frame).unwrap_or(i64::MAX).saturating_mul(*frame_step));
+        let number = take.frame_label(frame);
         for (i, column) in layout.columns.iter().enumerate() {
             if i > 0 {
                 out.push(layout.separator);

@@ -73,7 +73,7 @@ pub(crate) fn finish(
     if rows.frame_step != 1 {
         notes.add(Note::FrameStep { step: rows.frame_step });
     }
-    let (take, blanks) = rows.table.finish(stated.unit.or(said.unit), rate_hz, notes);
+    let (take, blanks) = rows.table.finish(stated.unit.or(said.unit), rate_hz, rows.frame_step, notes);
     let mut seen = BTreeSet::new();
     let mut twice = BTreeSet::new();
     let again = take.markers.iter().map(|m| &m.label).filter(|l| !l.is_empty() && !seen.insert(*l) && twice.insert(*l));

@@ -83,7 +83,7 @@ impl Table {
 
     /// Judges zeros and unit, and hands over the take with the cells that may be filled.
     /// `unit` is what somebody stated: the user, or else the file.
-    pub fn finish(mut self, unit: Option<Unit>, rate_hz: f64, notes: &Notes) -> (Take, Vec<Blank>) {
+    pub fn finish(mut self, unit: Option<Unit>, rate_hz: f64, frame_step: i64, notes: &Notes) -> (Take, Vec<Blank>) {
         self.judge_zeros(notes);
         let unit = unit.unwrap_or_else(|| {
             let metres = self.extent().is_some_and(|extent| extent < LARGEST_EXTENT_IN_METRES);
@@ -101,7 +101,7 @@ impl Table {
         let frames = self.frames();
         let columns = self.markers.len().max(1);
         let scale: Vec<f64> = self.markers.iter().map(|m| if m.role == Role::Marker { unit.mm() } else { 1.0 }).collect();
-        let mut builder = TakeBuilder::new(self.markers, frames, rate_hz).first_frame(self.first_frame).unit(unit);
+        let mut builder = TakeBuilder::new(self.markers, frames, rate_hz).first_frame(self.first_frame).frame_step(frame_step).unit(unit);
         for (frame, row) in self.samples.chunks_exact(columns).enumerate() {
             for (marker, (sample, scale)) in row.iter().zip(&scale).enumerate() {
                 builder.set(frame, marker, sample.map(|v| v * scale), Origin::Measured);

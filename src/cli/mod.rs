@@ -9,7 +9,7 @@ use crate::demo::{DemoOptions, write_demo};
 use crate::input::{Reading, open};
 use crate::inspect::Inspection;
 use crate::log::Terminal;
-use crate::repair::{RepairError, neighbours, repair};
+use crate::repair::{neighbours, repair};
 use crate::report::lines;
 use crate::solve::Method;
 use crate::solve::auto::Stiffness;
@@ -28,6 +28,13 @@ Exit codes:
   2  the command line was wrong
   3  the output exists, but look at it: a gap was left open, something was assumed or lost,
      the iteration did not converge, or there is no log";
+
+const CONVERT_AFTER_HELP: &str = "\
+Exit codes:
+  0  everything is in the written file
+  1  failed; no output was written
+  2  the command line was wrong
+  3  the output exists, but something was lost or assumed";
 
 /// Fills the gaps of motion-capture takes so that bones keep their lengths, and leaves everything else as it was.
 #[derive(Debug, Parser)]
@@ -61,6 +68,7 @@ enum Command {
         stated: StatedArgs,
     },
     /// Write a take in another format, unit or orientation, and say what that one cannot hold
+    #[command(after_help = CONVERT_AFTER_HELP)]
     Convert(ConvertArgs),
     /// Make a synthetic take of a walking figure: its truth, and the same with gaps, as C3D and CSV
     Demo {
@@ -133,7 +141,7 @@ fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
             report.exit_code()
         }
         Err(error) => {
-            fail(&error, args.json);
+            fail(&error.to_string(), args.json);
             1
         }
     }
@@ -150,7 +158,8 @@ fn run_convert(args: &ConvertArgs) -> u8 {
             converted.exit_code()
         }
         Err(error) => {
-            fail(&error, args.json);
+            // here --units is what is written
+            fail(&error.to_string().replace("--units", "--from-units"), args.json);
             1
         }
     }
@@ -169,7 +178,7 @@ fn inspect(inputs: &[PathBuf], reading: &Reading, json: bool) -> u8 {
                 }
             }
             Err(error) => {
-                fail(&error, json);
+                fail(&error.to_string(), json);
                 code = 1;
             }
         }
@@ -185,7 +194,7 @@ fn print_bones(path: &Path, reading: &Reading) -> u8 {
             0
         }
         Err(error) => {
-            fail(&error, false);
+            fail(&error.to_string(), false);
             1
         }
     }
@@ -200,23 +209,23 @@ fn demo(folder: &Path, options: &DemoOptions, force: bool) -> u8 {
             0
         }
         Err(error) => {
-            fail(&error, false);
+            fail(&error.to_string(), false);
             1
         }
     }
 }
 
 /// One line on standard error, or one JSON line on standard output.
-fn fail(error: &RepairError, json: bool) {
+fn fail(error: &str, json: bool) {
     #[derive(Serialize)]
     #[serde(tag = "message_type", rename = "error")]
     struct Message {
         text: String,
     }
     if json {
-        print(&lines(&[Message { text: error.to_string() }]));
+        print(&lines(&[Message { text: error.to_owned() }]));
     } else {
-        eprintln!("mocap-repair: {}", printable(&error.to_string()));
+        eprintln!("mocap-repair: {}", printable(error));
     }
 }
 

@@ -140,3 +140,107 @@ fn integers_become_floats_where_that_is_needed() {
     assert!(distance(&open("integer.c3d"), &open("float.c3d")) < 1e-3);
     assert!(lab.read("float.c3d").len() > bytes.len());
 }
+
+/// What stays open keeps its cells, and is told.
+#[test]
+fn samples_stated_missing_may_stay_open() {
+    let lab = Lab::new();
+    lab.run(&["convert", "walk-truth.c3d", "-o", "walk.csv"]).with_code(3);
+    let was = lab.take("walk-truth.c3d");
+    let label = &was.markers[column(&was, "LKNE")].label;
+    for input in ["walk-truth.c3d", "walk.csv"] {
+        let output = format!("out-{input}");
+        let first = format!("{label}:{}-{}", was.frame_label(0), was.frame_label(3));
+        let ran = lab.run(&[input, "-o", &output, "--missing", &first]).with_code(3);
+        assert!(ran.out.contains("4 samples that are stated missing stay open, and the file still holds"), "{}", ran.out);
+        assert_eq!(lab.read(&output), lab.read(input));
+    }
+    // a new file has them as gaps
+    let first = format!("{label}:{}", was.frame_label(0));
+    lab.run(&["convert", "walk-truth.c3d", "-o", "new.c3d", "--missing", &first]).with_code(0);
+    assert_eq!(lab.take("new.c3d").origin(0, column(&was, "LKNE")), Origin::Missing);
+}
+
+#[test]
+fn what_is_stated_goes_into_the_file() {
+    let lab = Lab::new();
+    lab.write("plain.csv", "A-x,A-y,A-z\n1000,2000,3000\n1001,2001,3001\n1002,2002,3002\n");
+    lab.run(&["convert", "plain.csv", "-o", "timed.csv", "--rate", "50", "--from-units", "mm"]).with_code(0);
+    let take = lab.take("timed.csv");
+    assert_eq!((take.rate_hz, take.unit), (50.0, Unit::Millimetre));
+    lab.run(&["convert", "timed.csv", "-o", "same.csv", "--rate", "50"]).with_code(0);
+    assert_eq!(lab.read("same.csv"), lab.read("timed.csv"));
+    lab.run(&["convert", "timed.csv", "-o", "slow.csv", "--rate", "25"]).with_code(0);
+    assert_eq!(lab.take("slow.csv").rate_hz, 25.0);
+    // one frame has no rate in a table
+    lab.write("one.csv", "A-x (mm),A-y (mm),A-z (mm)\n1000,2000,3000\n");
+    let ran = lab.run(&["convert", "one.csv", "-o", "metres.csv", "--rate", "50", "--units", "m"]).with_code(3);
+    assert!(ran.out.contains("csv cannot hold the frame rate (50 Hz) of fewer than two frames"), "{}", ran.out);
+}
+
+#[test]
+fn names_that_lie_are_refused() {
+    let lab = Lab::new();
+    let ran = lab.run(&["convert", "walk-gaps.csv", "-o", "x.c3d", "--to", "csv"]);
+    assert_eq!((ran.code, ran.err.as_str()), (1, "mocap-repair: x.c3d: is named like c3d, but --to asks for csv; name it .csv\n"));
+    lab.run(&["convert", "walk-gaps.csv", "-o", "x.csv", "--to", "nexus"]).with_code(0);
+    assert!(lab.text("x.csv").starts_with("Trajectories\r\n"));
+    #[cfg(unix)]
+    {
+        std::os::unix::fs::symlink("nowhere", lab.path("link.csv")).unwrap();
+        let ran = lab.run(&["convert", "walk-gaps.c3d", "-o", "link.csv"]);
+        assert!(ran.code == 1 && ran.err.contains("link.csv: exists already"), "{}", ran.err);
+    }
+}
+
+#[test]
+fn a_compressed_take_is_replaced_by_a_compressed_one() {
+    let lab = Lab::new();
+    lab.run(&["convert", "walk-gaps.c3d", "-o", "walk.c3d.zst"]).with_code(0);
+    lab.write("plain-name.c3d", lab.read("walk.c3d.zst"));
+    lab.run(&["plain-name.c3d", "--in-place", "--no-log", "--method", "spline"]);
+    assert!(lab.read("plain-name.c3d").starts_with(&[0x28, 0xb5, 0x2f, 0xfd]));
+    assert_eq!(lab.read("plain-name.c3d.orig"), lab.read("walk.c3d.zst"));
+}
+
+/// A table, and so everything that is said about a fill, has what the file has, even where a skeleton did not let the joint go where it was put.
+#[test]
+fn fills_are_as_written() {
+    let lab = Lab::empty();
+    let skeleton = "HIERARCHY\nROOT Hips\n{\n OFFSET 0 0 0\n CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation\n \
+         JOINT Knee\n {\n  OFFSET 0 -40 0\n  CHANNELS 3 Zrotation Xrotation Yrotation\n  JOINT Foot\n  {\n   OFFSET 0 -38 0\n   \
+         CHANNELS 3 Zrotation Xrotation Yrotation\n   End Site\n   {\n    OFFSET 0 -2 10\n   }\n  }\n }\n}\nMOTION\nFrames: 60\n\
+         Frame Time: 0.01\n";
+    let rows: String = (0..60)
+        .map(|f| {
+            let t = f64::from(f) * 0.1;
+            format!(
+                "{:.4} 80.0000 0.0000 0.0000 {:.4} 0.0000 0.0000 {:.4} 0.0000 0.0000 0.0000 0.0000\n",
+                t,
+                20.0 * t.sin(),
+                15.0 * t.cos()
+            )
+        })
+        .collect();
+    lab.write("leg.bvh", format!("{skeleton}{rows}"));
+    let arguments =
+        ["leg.bvh", "-o", "out.bvh", "--missing", "Foot:21-30", "--units", "cm", "--method", "linear", "--fills", "fills.csv", "--no-log"];
+    let ran = lab.run(&arguments);
+    assert!(matches!(ran.code, 0 | 3), "{}", ran.err);
+    let open = |name: &str| {
+        let stated = Stated { unit: Some(Unit::Centimetre), ..Stated::default() };
+        formats::bvh::Bvh.open(lab.read(name), &stated, &Notes::new()).unwrap().take().clone()
+    };
+    let (written, foot) = (open("out.bvh"), column(&open("leg.bvh"), "Foot"));
+    let table = lab.text("fills.csv");
+    let rows: Vec<Vec<&str>> = table.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    assert_eq!(rows.len(), 10, "{table}");
+    for row in rows {
+        let frame: usize = row[0].parse().unwrap();
+        let place = written.position_mm(frame, foot).unwrap();
+        for k in 0..3 {
+            let told: f64 = row[3 + k].parse().unwrap();
+            assert!((told - place[k]).abs() < 1e-3, "{row:?} {place:?}");
+        }
+    }
+}
