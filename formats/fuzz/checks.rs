@@ -49,14 +49,20 @@ pub fn roundtrip(bytes: &[u8]) -> Result<(), String> {
         return Ok(());
     }
     fills_and_saves(format, document.as_ref(), bytes).map_err(|e| format!("{name}: {e}"))?;
+    goes_everywhere(take).map_err(|e| format!("{name} {e}"))
+}
+
+/// Writes the take in every format that can hold it, opens that, and compares.
+pub fn goes_everywhere(take: &Take) -> Result<(), String> {
     for to in formats::ALL {
+        let name = to.info().name;
         let mut out = Vec::new();
         if to.create(take, &mut out, &Notes::new()).is_err() {
-            continue;
+            continue; // refused for a reason: no markers, no frames, coordinates that no number of the format can hold
         }
         let again = to.open(out, &Stated::default(), &Notes::new());
-        let again = again.map_err(|e| format!("{name} to {}: what was written does not open: {e}", to.info().name))?;
-        same(take, again.take(), to.info().holds_gaps).map_err(|e| format!("{name} to {}: {e}", to.info().name))?;
+        let again = again.map_err(|e| format!("to {name}: what was written does not open: {e}"))?;
+        same(take, again.take(), to.info().holds_gaps).map_err(|e| format!("to {name}: {e}"))?;
     }
     Ok(())
 }

@@ -211,17 +211,11 @@ fn fills_are_as_written() {
          JOINT Knee\n {\n  OFFSET 0 -40 0\n  CHANNELS 3 Zrotation Xrotation Yrotation\n  JOINT Foot\n  {\n   OFFSET 0 -38 0\n   \
          CHANNELS 3 Zrotation Xrotation Yrotation\n   End Site\n   {\n    OFFSET 0 -2 10\n   }\n  }\n }\n}\nMOTION\nFrames: 60\n\
          Frame Time: 0.01\n";
-    let rows: String = (0..60)
-        .map(|f| {
-            let t = f64::from(f) * 0.1;
-            format!(
-                "{:.4} 80.0000 0.0000 0.0000 {:.4} 0.0000 0.0000 {:.4} 0.0000 0.0000 0.0000 0.0000\n",
-                t,
-                20.0 * t.sin(),
-                15.0 * t.cos()
-            )
-        })
-        .collect();
+    let mut rows = String::new();
+    for t in (0..60).map(|f| f64::from(f) * 0.1) {
+        let (hip, knee) = (20.0 * t.sin(), 15.0 * t.cos());
+        rows += &format!("{t:.4} 80.0000 0.0000 0.0000 {hip:.4} 0.0000 0.0000 {knee:.4} 0.0000 0.0000 0.0000 0.0000\n");
+    }
     lab.write("leg.bvh", format!("{skeleton}{rows}"));
     let arguments =
         ["leg.bvh", "-o", "out.bvh", "--missing", "Foot:21-30", "--units", "cm", "--method", "linear", "--fills", "fills.csv", "--no-log"];

@@ -6,6 +6,9 @@
 
 mod bvh;
 mod c3d;
+#[path = "../../formats/fuzz/checks.rs"]
+#[allow(dead_code)] // the fuzz targets use the rest
+mod checks;
 mod survey;
 mod tables;
 mod text;

@@ -1,7 +1,7 @@
 //! The table of what becomes of every real file: opened, refused, or wrong. It stands in `docs/formats/real-files.md`, and is compared here;
 //! with `MOCAP_BLESS=1` in the environment it is written there.
 
-use super::{Row, bvh, c3d, tables, text};
+use super::{Row, bvh, c3d, checks, tables, text};
 use libtest_mimic::Failed;
 use mocap_repair::input::{Reading, open};
 use std::collections::BTreeMap;
@@ -46,6 +46,7 @@ fn table(data: &Path, rows: &[Row]) -> String {
             continue;
         }
         match open(&path, &Reading::default()) {
+            Ok(opened) if checks::goes_everywhere(opened.document.take()).is_err() => counts.wrong += 1,
             Ok(_) => counts.opened += 1,
             Err(error) => {
                 counts.refused += 1;
