@@ -2,6 +2,7 @@
 
 use crate::lab::{Lab, column};
 use formats::{Direction, Format, Notes, Origin, Stated, Take, Unit};
+use std::fmt::Write;
 
 /// Largest distance between the samples of two takes that both know, in mm; infinite if one knows what the other does not.
 fn distance(a: &Take, b: &Take) -> f64 {
@@ -214,7 +215,7 @@ fn fills_are_as_written() {
     let mut rows = String::new();
     for t in (0..60).map(|f| f64::from(f) * 0.1) {
         let (hip, knee) = (20.0 * t.sin(), 15.0 * t.cos());
-        rows += &format!("{t:.4} 80.0000 0.0000 0.0000 {hip:.4} 0.0000 0.0000 {knee:.4} 0.0000 0.0000 0.0000 0.0000\n");
+        let _ = writeln!(rows, "{t:.4} 80.0000 0.0000 0.0000 {hip:.4} 0.0000 0.0000 {knee:.4} 0.0000 0.0000 0.0000 0.0000");
     }
     lab.write("leg.bvh", format!("{skeleton}{rows}"));
     let arguments =
