@@ -155,7 +155,7 @@ fn what_is_created_suits_other_readers() {
         [
             "trc cannot hold which axis points up (+y); left out",
             "trc cannot hold that 1 samples were filled or filtered before; left out",
-            "trc cannot hold 2 labels that are empty or have tabs or line ends in them (now called unlabelled_2, t_u); left out",
+            "2 labels that are empty or have tabs, line ends or other control characters in them were changed: now called unlabelled_2, t_u",
         ]
     );
     let (again, notes) = open(&text, &NONE);
