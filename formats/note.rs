@@ -330,3 +330,23 @@ impl Notes {
         self.0.borrow().clone()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn far_off_is_said_otherwise_than_nearly() {
+        let note = |worst_mm| Note::NotRealised { samples: 3, worst_mm };
+        assert!(!note(4.9).matters() && note(4.9).to_string().contains("nearly but not quite"));
+        let far = "3 filled positions could not be put into the file, because its bones are rigid and known joints stay; the worst is 5.000 mm off";
+        assert_eq!((note(5.0).matters(), note(5.0).to_string()), (true, far.to_owned()));
+    }
+
+    #[test]
+    fn many_names_are_cut_short() {
+        let names: Vec<String> = (0..11).map(|n| n.to_string()).collect();
+        assert_eq!(listed(&names), "0, 1, 2, 3, 4, 5, 6, 7 and 3 more");
+        assert_eq!(listed(&["A", "B"]), "A, B");
+    }
+}
