@@ -7,6 +7,9 @@ use crate::note::listed;
 /// Groups whose content is in the take, is written anew with it, or is named on its own below.
 const SPOKEN_FOR: [&str; 7] = ["POINT", "TRIAL", "ANALOG", "EVENT", "EVENT_CONTEXT", "FORCE_PLATFORM", "ROTATION"];
 
+/// The group that this program writes.
+const OWN: &str = "MOCAPREPAIR";
+
 /// What the parameters tell of, in a few words each.
 pub(super) fn parameters(p: &Parameters<'_>) -> Vec<String> {
     let used = |group: &str| p.number(group, "USED").filter(|n| *n >= 1.0);
@@ -18,7 +21,10 @@ pub(super) fn parameters(p: &Parameters<'_>) -> Vec<String> {
     let in_header = Some(p.header_events()).filter(|n| *n > 0);
     beyond.extend(in_header.map(|n| count(n.into(), "event") + " in the header"));
     beyond.extend(used("ROTATION").map(|n| count(n, "rotation")));
-    let mut others: Vec<&str> = p.group_names().filter(|name| !SPOKEN_FOR.contains(name) && !name.is_empty()).collect();
+    // our own group says something that a new file does not have only if something was filled
+    let filled = p.number(OWN, "FILLED").is_some_and(|n| n > 0.0) || p.texts(OWN, "METHOD").is_some();
+    let tells = |name: &str| !SPOKEN_FOR.contains(&name) && !name.is_empty() && (name != OWN || filled);
+    let mut others: Vec<&str> = p.group_names().filter(|name| tells(name)).collect();
     others.sort_unstable();
     others.dedup();
     if !others.is_empty() {
