@@ -4,6 +4,7 @@
 
 use crate::{FormatInfo, Unit};
 use std::cell::RefCell;
+use std::collections::BTreeSet;
 
 /// Something that a reader or a writer assumed, found odd, or could not keep.
 #[derive(Clone, Debug, PartialEq)]
@@ -138,6 +139,13 @@ pub enum Note {
         /// What was left out.
         what: String,
     },
+    /// Something of the take is otherwise in the written file, because the format cannot hold it as it is.
+    Changed {
+        /// The format's name.
+        format: &'static str,
+        /// What was changed, as a sentence.
+        what: String,
+    },
 }
 
 /// From here on it matters that filled joints are elsewhere, mm.
@@ -156,8 +164,9 @@ impl Note {
             | Self::Damaged { .. }
             | Self::StatedStays { .. }
             | Self::LeftOut { .. }
-            | Self::NotExpressible { .. } => true,
-            Self::NotRealised { worst_mm, .. } => *worst_mm > FAR_OFF_MM,
+            | Self::NotExpressible { .. }
+            | Self::Changed { .. } => true,
+            Self::NotRealised { worst_mm, .. } => *worst_mm >= FAR_OFF_MM,
             Self::ZeroReadAsMissing { .. }
             | Self::StaleCoordinates { .. }
             | Self::ResidualGarbage { .. }
@@ -201,6 +210,7 @@ impl Note {
             Self::StatedStays { .. } => "stated-stays",
             Self::LeftOut { .. } => "left-out",
             Self::NotExpressible { .. } => "not-expressible",
+            Self::Changed { .. } => "changed",
         }
     }
 }
@@ -254,13 +264,18 @@ impl std::fmt::Display for Raw<'_> {
             Note::PartialSamples { samples } => {
                 write!(f, "{samples} samples have only some of their coordinates; they count as missing, what is given stays as written")
             }
-            Note::OtherColumns { names } => write!(f, "columns that are no markers were left as they are: {}", some_of(names)),
-            Note::OtherBlocks { names } => write!(f, "blocks that hold no markers were left as they are: {}", some_of(names)),
+            Note::OtherColumns { names } => write!(f, "columns that are no markers were left as they are: {}", listed(names)),
+            Note::OtherBlocks { names } => write!(f, "blocks that hold no markers were left as they are: {}", listed(names)),
             Note::FrameStep { step } => {
                 write!(f, "the frame numbers go up in steps of {step}; the rows were counted as consecutive frames")
             }
             Note::Rounded { step_mm } => write!(f, "filled positions are rounded to the file's own step of {step_mm} mm"),
             Note::Floats => f.write_str("coordinates stored as integers become floating-point numbers"),
+            Note::NotRealised { samples, worst_mm } if *worst_mm >= FAR_OFF_MM => write!(
+                f,
+                "{samples} filled positions could not be put into the file, because its bones are rigid and known joints stay; the worst is \
+                 {worst_mm:.3} mm off"
+            ),
             Note::NotRealised { samples, worst_mm } => write!(
                 f,
                 "{samples} filled positions are nearly but not quite in the file, because its bones are rigid and known joints stay; the worst is \
@@ -271,13 +286,14 @@ impl std::fmt::Display for Raw<'_> {
             }
             Note::LeftOut { what } => write!(f, "not in the new file: {what}"),
             Note::NotExpressible { format, what } => write!(f, "{format} cannot hold {what}; left out"),
+            Note::Changed { what, .. } => f.write_str(what),
         }
     }
 }
 
-/// The first of many names.
-fn some_of(names: &[String]) -> String {
-    let shown: Vec<&str> = names.iter().take(8).map(String::as_str).collect();
+/// The first of many names, and how many more there are.
+pub(crate) fn listed(names: &[impl AsRef<str>]) -> String {
+    let shown: Vec<&str> = names.iter().take(8).map(AsRef::as_ref).collect();
     let more = if names.len() > shown.len() { format!(" and {} more", names.len() - shown.len()) } else { String::new() };
     shown.join(", ") + &more
 }
@@ -305,8 +321,42 @@ impl Notes {
         self.add(Note::NotExpressible { format: format.name, what: what.into() });
     }
 
+    /// Notes something that is otherwise in a file of `format` than in the take; `what` is a sentence.
+    pub fn changed(&self, format: &FormatInfo, what: impl Into<String>) {
+        self.add(Note::Changed { format: format.name, what: what.into() });
+    }
+
+    /// Notes labels that occur more than once, in the order in which they come again. Empty ones are no labels.
+    pub(crate) fn duplicate_labels<'a>(&self, labels: impl Iterator<Item = &'a str>) {
+        let (mut seen, mut twice) = (BTreeSet::new(), BTreeSet::new());
+        let labels: Vec<String> = labels.filter(|l| !l.is_empty() && !seen.insert(*l) && twice.insert(*l)).map(str::to_owned).collect();
+        if !labels.is_empty() {
+            self.add(Note::DuplicateLabels { labels });
+        }
+    }
+
     /// The notes so far, oldest first.
     pub fn take(&self) -> Vec<Note> {
         self.0.borrow().clone()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn far_off_is_said_otherwise_than_nearly() {
+        let note = |worst_mm| Note::NotRealised { samples: 3, worst_mm };
+        assert!(!note(4.9).matters() && note(4.9).to_string().contains("nearly but not quite"));
+        let far = "3 filled positions could not be put into the file, because its bones are rigid and known joints stay; the worst is 5.000 mm off";
+        assert_eq!((note(5.0).matters(), note(5.0).to_string()), (true, far.to_owned()));
+    }
+
+    #[test]
+    fn many_names_are_cut_short() {
+        let names: Vec<String> = (0..11).map(|n| n.to_string()).collect();
+        assert_eq!(listed(&names), "0, 1, 2, 3, 4, 5, 6, 7 and 3 more");
+        assert_eq!(listed(&["A", "B"]), "A, B");
     }
 }

@@ -5,14 +5,21 @@
 
 use super::motion::{FARTHEST, rate_of};
 use super::{INFO, NAME};
-use crate::{FormatError, Notes, Origin, Place, Role, Take, Unit};
-use std::collections::BTreeSet;
+use crate::text::fresh::{Spelling, in_unit, labels, writable};
+use crate::{FormatError, Notes, Origin, Place, Take, Unit};
 use std::io::{self, BufWriter, Write};
 
 /// The name of the root, before its unit.
 const ROOT: &str = "origin_";
-/// The most letters of a name: more than anybody gives, fewer than readers stumble over.
-const LONGEST_NAME: usize = 200;
+/// Names without blanks and brackets, not empty, and no two the same.
+const NAMES: Spelling = Spelling {
+    odd: |c| c.is_whitespace() || c.is_control() || matches!(c, '{' | '}'),
+    odd_are: "blanks, brackets or control characters",
+    trimmed: false,
+    empty: Some("marker_"),
+    longest: 200, // more than anybody gives, fewer than readers stumble over
+    unique: true,
+};
 /// Values of the root in every row: position and rotation.
 const STILL: &str = "0 0 0 0 0 0";
 
@@ -24,10 +31,7 @@ pub(super) fn unit_of(root: &str) -> Option<Unit> {
 
 /// Writes the take.
 pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
-    let columns: Vec<usize> = take.markers.iter().enumerate().filter(|(_, m)| m.role == Role::Marker).map(|(column, _)| column).collect();
-    if columns.is_empty() {
-        return Err(FormatError::unsupported(NAME, Place::Whole, "the take has no markers, so there is nothing to write"));
-    }
+    let columns = writable(take, &INFO, notes)?;
     let all = || columns.iter().flat_map(|&column| (0..take.frames()).map(move |frame| (frame, column)));
     let far = |position: [f64; 3]| !position.iter().all(|mm| (mm / take.unit.mm()).abs() < FARTHEST);
     if let Some((frame, column)) = all().find(|&(frame, column)| take.position_mm(frame, column).is_some_and(far)) {
@@ -38,68 +42,24 @@ pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<
         );
         return Err(FormatError::unsupported(NAME, Place::Whole, text));
     }
-    let names = names(take, &columns, notes);
+    let names = labels(&INFO, &NAMES, take, &columns, &[format!("{ROOT}{}", take.unit.symbol())], notes);
     note_losses(take, &columns, notes);
     let mut out = BufWriter::with_capacity(1 << 16, out);
     let head = write_head(take, &names, &mut out);
     head.and_then(|()| write_rows(take, &columns, &mut out)).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
 }
 
-/// A name for each marker: without blanks and brackets, not empty, and no two the same. What changed is noted.
-fn names(take: &Take, columns: &[usize], notes: &Notes) -> Vec<String> {
-    let mut taken: BTreeSet<String> = BTreeSet::from([format!("{ROOT}{}", take.unit.symbol())]);
-    let mut changed = 0;
-    let mut next = std::collections::BTreeMap::new();
-    let names: Vec<String> = columns
-        .iter()
-        .map(|&column| {
-            let label = take.markers.get(column).map_or("", |m| m.label.as_str());
-            let odd = |c: char| c.is_whitespace() || c.is_control() || matches!(c, '{' | '}');
-            let plain: String = label.chars().take(LONGEST_NAME).map(|c| if odd(c) { '_' } else { c }).collect();
-            let plain = if plain.is_empty() { format!("marker_{}", column + 1) } else { plain };
-            let mut name = plain.clone();
-            while !taken.insert(name.clone()) {
-                let count = next.entry(plain.clone()).or_insert(1_usize);
-                *count += 1;
-                name = format!("{plain}_{count}");
-            }
-            changed += usize::from(name != label);
-            name
-        })
-        .collect();
-    if changed > 0 {
-        notes.not_expressible(
-            &INFO,
-            format!("{changed} labels that are empty, occur twice, are very long, or have blanks or brackets (written with _ and numbers)"),
-        );
-    }
-    names
-}
-
+/// Notes what a cloud of points lacks besides.
 fn note_losses(take: &Take, columns: &[usize], notes: &Notes) {
     let lost = |what: String| notes.not_expressible(&INFO, what);
-    lost(format!("the unit ({}, which the root's name says)", take.unit.symbol()));
-    let outputs = take.markers.len() - columns.len();
-    if outputs > 0 {
-        lost(format!("{outputs} columns of model outputs"));
-    }
-    if let Some(up) = take.up {
-        lost(format!("which axis points up ({up}, most viewers take +y)"));
-    }
     if take.frame_step != 1 {
         lost(format!("frame numbers in steps of {}", take.frame_step));
     }
     if take.first_frame != 1 {
         lost(format!("the number of the first frame ({})", take.first_frame));
     }
-    let count = |origin: Origin| -> Vec<usize> {
-        columns.iter().map(|&c| (0..take.frames()).filter(|&f| take.origin(f, c) == origin).count()).collect()
-    };
-    let derived: usize = count(Origin::Derived).iter().sum();
-    if derived > 0 {
-        lost(format!("that {derived} samples were filled or filtered before"));
-    }
-    let missing = count(Origin::Missing);
+    let count = |&c: &usize| (0..take.frames()).filter(|&f| take.origin(f, c) == Origin::Missing).count();
+    let missing: Vec<usize> = columns.iter().map(count).collect();
     let never = missing.iter().filter(|m| **m == take.frames() && **m > 0).count();
     let held: usize = missing.iter().filter(|m| **m < take.frames()).sum();
     if held > 0 {
@@ -154,10 +114,4 @@ fn write_rows(take: &Take, columns: &[usize], out: &mut dyn Write) -> io::Result
         writeln!(out)?;
     }
     Ok(())
-}
-
-/// The number of units that gives `mm` back when it is multiplied by `unit_mm`, if there is one; else the nearest.
-fn in_unit(mm: f64, unit_mm: f64) -> f64 {
-    let value = mm / unit_mm;
-    [value, value.next_up(), value.next_down()].into_iter().find(|v| v * unit_mm == mm).unwrap_or(value) + 0.0
 }

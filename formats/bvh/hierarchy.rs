@@ -1,7 +1,8 @@
 //! The text from HIERARCHY to MOTION → the skeleton. Nested brackets are a list of open joints, so depth costs nothing.
 
-use super::scan::{Cursor, decode, excerpt, number};
+use super::scan::{Cursor, excerpt, number};
 use super::{NAME, create};
+use crate::text::scan::letters;
 use crate::{FormatError, Marker, Place, Unit};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -164,7 +165,7 @@ impl Skeleton {
         }
         open.push(Open { node: self.nodes.len(), line: cursor.line(), offset: false, channels: false });
         self.nodes.push(Node {
-            label: decode(name),
+            label: letters(name),
             parent,
             offset: [0.0; 3],
             channels: Vec::new(),

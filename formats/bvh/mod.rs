@@ -27,7 +27,6 @@ use hierarchy::Skeleton;
 use kinematics::Positions;
 use motion::{Head, Rows};
 use scan::Cursor;
-use std::collections::BTreeSet;
 use std::io::Write;
 use style::Style;
 
@@ -123,13 +122,7 @@ fn likely_unit(skeleton: &Skeleton, positions: Positions, first: &[f64]) -> Unit
 }
 
 fn note_oddities(skeleton: &Skeleton, positions: Positions, notes: &Notes) {
-    let mut seen = BTreeSet::new();
-    let mut twice = BTreeSet::new();
-    let labels = skeleton.nodes.iter().filter(|n| n.marker.is_some()).map(|n| &n.label);
-    let again: Vec<String> = labels.filter(|l| !seen.insert(*l) && twice.insert(*l)).cloned().collect();
-    if !again.is_empty() {
-        notes.add(Note::DuplicateLabels { labels: again });
-    }
+    notes.duplicate_labels(skeleton.nodes.iter().filter(|n| n.marker.is_some()).map(|n| n.label.as_str()));
     let meaning = match positions {
         Positions::InPlaceOfOffset => return,
         Positions::AddedToOffset => "are added to their OFFSETs",

@@ -1,6 +1,7 @@
 //! Bytes → words, numbers and lines.
 
 use super::NAME;
+use crate::text::scan::{self, letters};
 use crate::{FormatError, Place};
 
 /// Powers of ten that a double holds exactly.
@@ -54,16 +55,9 @@ pub(super) fn decimals(text: &[u8]) -> usize {
     usize::try_from(behind.clamp(0, 400)).unwrap_or(0)
 }
 
-/// At most 24 characters of a text, for an error.
+/// The beginning of some bytes, for an error.
 pub(super) fn excerpt(text: &[u8]) -> String {
-    let text = decode(text);
-    let start: String = text.chars().filter(|c| !c.is_control()).take(24).collect();
-    if text.chars().count() > 24 { format!("{start}...") } else { start }
-}
-
-/// UTF-8, or Latin-1 where it is not.
-pub(super) fn decode(text: &[u8]) -> String {
-    std::str::from_utf8(text).map_or_else(|_| text.iter().map(|&b| char::from(b)).collect(), str::to_owned)
+    scan::excerpt(&letters(text))
 }
 
 /// Blanks within a line.

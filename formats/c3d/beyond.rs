@@ -2,9 +2,13 @@
 
 use super::layout::{Layout, Storage};
 use super::parameters::Parameters;
+use crate::note::listed;
 
 /// Groups whose content is in the take, is written anew with it, or is named on its own below.
-const SPOKEN_FOR: [&str; 8] = ["POINT", "TRIAL", "MOCAPREPAIR", "ANALOG", "EVENT", "EVENT_CONTEXT", "FORCE_PLATFORM", "ROTATION"];
+const SPOKEN_FOR: [&str; 7] = ["POINT", "TRIAL", "ANALOG", "EVENT", "EVENT_CONTEXT", "FORCE_PLATFORM", "ROTATION"];
+
+/// The group that this program writes.
+const OWN: &str = "MOCAPREPAIR";
 
 /// What the parameters tell of, in a few words each.
 pub(super) fn parameters(p: &Parameters<'_>) -> Vec<String> {
@@ -14,14 +18,17 @@ pub(super) fn parameters(p: &Parameters<'_>) -> Vec<String> {
     beyond.extend(used("ANALOG").map(|n| count(n, "analog channel")));
     beyond.extend(used("FORCE_PLATFORM").map(|n| count(n, "force platform")));
     beyond.extend(used("EVENT").map(|n| count(n, "event")));
+    let in_header = Some(p.header_events()).filter(|n| *n > 0);
+    beyond.extend(in_header.map(|n| count(n.into(), "event") + " in the header"));
     beyond.extend(used("ROTATION").map(|n| count(n, "rotation")));
-    let mut others: Vec<&str> = p.group_names().filter(|name| !SPOKEN_FOR.contains(name) && !name.is_empty()).collect();
+    // our own group says something that a new file does not have only if something was filled
+    let filled = p.number(OWN, "FILLED").is_some_and(|n| n > 0.0) || p.texts(OWN, "METHOD").is_some();
+    let tells = |name: &str| !SPOKEN_FOR.contains(&name) && !name.is_empty() && (name != OWN || filled);
+    let mut others: Vec<&str> = p.group_names().filter(|name| tells(name)).collect();
     others.sort_unstable();
     others.dedup();
     if !others.is_empty() {
-        let shown = others.iter().take(8).copied().collect::<Vec<_>>().join(", ");
-        let more = if others.len() > 8 { format!(" and {} more", others.len() - 8) } else { String::new() };
-        beyond.push(format!("the parameters of {shown}{more}"));
+        beyond.push(format!("the parameters of {}", listed(&others)));
     }
     beyond
 }

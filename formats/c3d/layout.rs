@@ -419,7 +419,10 @@ fn finish(p: &Parameters<'_>, taken: Candidate, frames: usize, notes: &Notes, li
     let own = i64::from(p.header.first);
     let counted = usize::from(p.header.last).checked_sub(usize::from(p.header.first)).map_or(0, |n| n + 1);
     let first_frame = match trial(p) {
-        Some((first, last)) if last - first + 1 == frames && counted != frames => i64::try_from(first).unwrap_or(own),
+        // 65535 says "look elsewhere", and one frame from 65535 to 65535 is as many as there are
+        Some((first, last)) if last - first + 1 == frames && (counted != frames || p.header.first == u16::MAX) => {
+            i64::try_from(first).unwrap_or(own)
+        }
         _ => own,
     };
     let frame_bytes = taken.frame_bytes();

@@ -95,16 +95,7 @@ fn markers(p: &Parameters<'_>, points: usize, notes: &Notes) -> Vec<Marker> {
     labels.resize(points, String::new());
     let outputs: BTreeSet<String> =
         OUTPUT_LISTS.iter().flat_map(|list| p.continued_texts("POINT", list)).filter(|name| !name.is_empty()).collect();
-    let mut seen = BTreeSet::new();
-    let mut again = BTreeSet::new();
-    for label in labels.iter().filter(|l| !l.is_empty()) {
-        if !seen.insert(label) {
-            again.insert(label.clone());
-        }
-    }
-    if !again.is_empty() {
-        notes.add(Note::DuplicateLabels { labels: again.into_iter().collect() });
-    }
+    notes.duplicate_labels(labels.iter().map(String::as_str));
     let markers: Vec<Marker> = labels
         .into_iter()
         .map(|label| {

@@ -12,6 +12,8 @@
 //! | 9 | block of the data, counted from 1 |
 //! | 10 | analog samples per frame |
 //! | 11-12 | frames per second |
+//! | 150 | 12345 if the header may have events with labels of four characters |
+//! | 151 | number of events |
 //!
 //! The parameter section begins with four bytes (two of no meaning, the number of blocks, the processor + 83) and goes on with records:
 //!
@@ -30,6 +32,7 @@
 use super::NAME;
 use super::processor::Processor;
 use crate::cursor::Cursor;
+use crate::text::scan::letters;
 use crate::{FormatError, Note, Notes, Place};
 use std::ops::Range;
 
@@ -41,6 +44,12 @@ const MOST_RECORDS: usize = 50_000;
 
 /// More continuations (LABELS2, LABELS3, ...) than 65535 points need.
 const MOST_PARTS: usize = 1000;
+
+/// In word 150 of the header: there may be events, whose labels have four characters.
+const EVENT_KEY: u16 = 12345;
+
+/// The header has room for no more events.
+const MOST_EVENTS: u16 = 18;
 
 /// What the header says. Numbers are as stored; nothing is checked yet.
 #[derive(Clone, Copy, Debug)]
@@ -95,11 +104,7 @@ fn name_of(bytes: &[u8]) -> String {
 /// Text without trailing padding: UTF-8 if it is, Latin-1 otherwise. Writers in C leave anything behind a NUL.
 fn text_of(bytes: &[u8]) -> String {
     let bytes = bytes.split(|&b| b == 0).next().unwrap_or(&[]);
-    let text = match std::str::from_utf8(bytes) {
-        Ok(text) => text.to_owned(),
-        Err(_) => bytes.iter().map(|&b| char::from(b)).collect(),
-    };
-    text.trim_end().to_owned()
+    letters(bytes).trim_end().to_owned()
 }
 
 impl<'a> Parameters<'a> {
@@ -236,6 +241,15 @@ impl<'a> Parameters<'a> {
     /// Names of all groups, in upper case.
     pub fn group_names(&self) -> impl Iterator<Item = &str> {
         self.groups.iter().map(|(_, name)| name.as_str())
+    }
+
+    /// How many events the header holds (words 150 and 151); there is room for 18.
+    pub fn header_events(&self) -> u16 {
+        let word = |n: usize| {
+            let bytes = self.bytes.get((n - 1) * 2..).and_then(|b| b.first_chunk());
+            bytes.map_or(0, |b| self.processor.u16(*b))
+        };
+        if word(150) == EVENT_KEY && word(151) <= MOST_EVENTS { word(151) } else { 0 }
     }
 
     /// True if the parameter exists and holds floats.

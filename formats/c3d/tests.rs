@@ -107,6 +107,25 @@ fn a_new_file_says_who_filled_it() {
     assert!(Parameters::read(&create(&walk(1).build()).0, &Notes::new()).unwrap().texts("MOCAPREPAIR", "METHOD").is_none());
 }
 
+#[test]
+fn events_of_the_header_and_other_groups_are_beyond_a_take() {
+    let (mut bytes, _) = create(&walk(8).build());
+    let beyond = |bytes: &[u8]| open(bytes).unwrap().0.beyond_take();
+    assert!(beyond(&bytes).is_empty(), "our own group says nothing if nothing was filled");
+    // word 150 is the key, word 151 counts
+    bytes[300] = 3;
+    assert_eq!(beyond(&bytes), ["3 events in the header"]);
+    bytes[300] = 19;
+    assert!(beyond(&bytes).is_empty(), "there is room for 18");
+    bytes[298..302].copy_from_slice(&[0, 0, 3, 0]);
+    assert!(beyond(&bytes).is_empty(), "without the key");
+    let mut b = walk(8);
+    b.hide(3, 0);
+    let mut take = b.build();
+    assert!(take.fill(3, 0, [1.5, 2.5, 3.5]));
+    assert!(beyond(&create(&take).0).contains(&"the parameters of MOCAPREPAIR".to_owned()));
+}
+
 /// An Intel file of integers: one point, `samples` frames, step 0.1 mm.
 fn integers(samples: &[[i16; 4]]) -> Vec<u8> {
     let mut b = TakeBuilder::new(vec![Marker::new("A")], samples.len(), 50.0);

@@ -190,7 +190,9 @@ impl Header {
         }
         triples.sort_by_key(|(columns, _)| columns.iter().copied().min());
         for (marker, (columns, base)) in triples.iter().enumerate() {
-            let role = if is_model_output(base) { Role::ModelOutput } else { Role::Marker };
+            // a stated unit of length says more than a name
+            let is_length = columns.iter().all(|&c| matches!(parsed.get(c), Some(Name::Coordinate { length: Length::Stated(_), .. })));
+            let role = if !is_length && is_model_output(base) { Role::ModelOutput } else { Role::Marker };
             self.markers.push(Marker { label: (*base).to_owned(), role });
             for (axis, &column) in columns.iter().enumerate() {
                 self.set(column, Column::Coordinate { marker, axis });

@@ -52,11 +52,12 @@ struct Row {
     time: Range<usize>,
 }
 
-/// Reads all rows. `stated` are samples that are missing whatever their cells hold.
+/// Reads all rows. `stated` are samples that are missing whatever their cells hold; `lengths` is true if the header says that all samples are
+/// lengths, so that none is a model output, whatever its name.
 ///
 /// # Errors
 /// A row with too few or too many cells, a cell that is no number, a sample given twice, frame numbers too far apart, or no rows at all.
-pub(super) fn read(bytes: &[u8], sheet: &Sheet, stated: &Samples) -> Result<(Rows, Layout), FormatError> {
+pub(super) fn read(bytes: &[u8], sheet: &Sheet, lengths: bool, stated: &Samples) -> Result<(Rows, Layout), FormatError> {
     let mut numbers = Numbers::new(sheet.separator);
     let mut clock = Clock::new(sheet.separator, sheet.time_unit_secs);
     let mut scanner = Scanner::resume(bytes, sheet.separator, sheet.start, sheet.line);
@@ -112,7 +113,7 @@ pub(super) fn read(bytes: &[u8], sheet: &Sheet, stated: &Samples) -> Result<(Row
         };
         let marker = *known.entry(label.text).or_insert_with(|| {
             let text = decode(&label);
-            let role = if is_model_output(&text) { Role::ModelOutput } else { Role::Marker };
+            let role = if !lengths && is_model_output(&text) { Role::ModelOutput } else { Role::Marker };
             table.markers.push(Marker { label: text, role });
             labels.push(written(&label));
             labels.len() as u32 - 1

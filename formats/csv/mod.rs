@@ -78,7 +78,9 @@ fn open(bytes: Vec<u8>, stated: &Stated, notes: &Notes) -> Result<Box<dyn Docume
     }
     let (rows, layout) = match header.shape {
         Shape::Wide => (wide::read(&bytes, &header.sheet, &header.markers, &stated.missing)?, None),
-        Shape::Long => long::read(&bytes, &header.sheet, &stated.missing).map(|(rows, layout)| (rows, Some(layout)))?,
+        Shape::Long => {
+            long::read(&bytes, &header.sheet, header.unit.is_some(), &stated.missing).map(|(rows, layout)| (rows, Some(layout)))?
+        }
     };
     if stated.unit.is_none() && header.unit.is_none() {
         refuse_rotations(&header, &rows.table.samples)?;
@@ -93,7 +95,7 @@ fn open(bytes: Vec<u8>, stated: &Stated, notes: &Notes) -> Result<Box<dyn Docume
         notes.add(Note::OtherColumns { names: header.others });
     }
     Ok(match rows_to_add {
-        None => Box::new(TextDocument { format: NAME, take, opened }),
+        None => Box::new(TextDocument { format: NAME, take, opened, beyond: Vec::new() }),
         Some(rows) => Box::new(LongDocument { take, opened, rows }),
     })
 }

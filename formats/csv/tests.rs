@@ -432,3 +432,21 @@ fn samples_stated_missing_can_be_replaced() {
         assert_eq!(String::from_utf8(same).unwrap(), text);
     }
 }
+
+/// What a column is measured in says more than its name.
+#[test]
+fn a_stated_length_is_no_model_output() {
+    for (text, outputs) in [
+        ("LGripForce-x (mm),LGripForce-y (mm),LGripForce-z (mm)\n1,2,3\n4,5,6\n", 0),
+        ("LGripForce-x,LGripForce-y,LGripForce-z\n1,2,3\n4,5,6\n", 1),
+        ("LGripForce-x (mm),LGripForce-y,LGripForce-z\n1,2,3\n4,5,6\n", 1),
+        ("frame,marker,x (mm),y (mm),z (mm)\n1,LGripForce,1,2,3\n2,LGripForce,4,5,6\n", 0),
+        ("frame,marker,x,y,z\n1,LGripForce,1,2,3\n2,LGripForce,4,5,6\n", 1),
+        ("LGripForce,,\nX,Y,Z\nmm,mm,mm\n1,2,3\n4,5,6\n", 0),
+        ("LGripForce,,\nX,Y,Z\n1,2,3\n4,5,6\n", 1),
+    ] {
+        let (document, _) = open(text, &STATED);
+        let found = document.take().markers.iter().filter(|m| m.role == Role::ModelOutput).count();
+        assert_eq!(found, outputs, "{text}");
+    }
+}

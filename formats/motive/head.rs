@@ -83,7 +83,7 @@ impl Head {
         };
         let number = |key: &str| setting(key).and_then(|v| v.replace(',', ".").parse::<f64>().ok()).filter(|v| v.is_finite() && *v > 0.0);
 
-        let (lines, axes) = header_lines(&mut scanner)?;
+        let (lines, axes) = header_lines(bytes, &mut scanner)?;
         let (Some(types), Some(names), Some(contents)) =
             (line(&lines, "Type", 0), line(&lines, "Name", 1), lines.get(2..).and_then(<[_]>::last))
         else {
@@ -143,18 +143,21 @@ impl Head {
 }
 
 /// The lines between the settings and the axes that are not empty, and the line of axes.
-fn header_lines(scanner: &mut Scanner<'_>) -> Result<(Vec<Vec<String>>, Vec<String>), FormatError> {
+/// A line of names that are all empty has quotes in it; one of nothing but separators is an empty line that a spreadsheet saved.
+fn header_lines(bytes: &[u8], scanner: &mut Scanner<'_>) -> Result<(Vec<Vec<String>>, Vec<String>), FormatError> {
     let mut lines = Vec::new();
     while lines.len() < MOST_LINES {
         scanner.skip_blank_lines();
         if scanner.at_end() {
             break;
         }
+        let start = scanner.offset();
         let cells = row(scanner)?;
         if cells.first().is_some_and(|c| c.trim().eq_ignore_ascii_case("Frame")) {
             return Ok((lines, cells));
         }
-        if cells.iter().any(|c| !c.is_empty()) {
+        let quotes = || bytes.get(start..scanner.offset()).unwrap_or_default().contains(&b'"');
+        if cells.iter().any(|c| !c.is_empty()) || quotes() {
             lines.push(cells);
         }
     }

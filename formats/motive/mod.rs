@@ -76,7 +76,7 @@ fn open(bytes: Vec<u8>, stated: &Stated, notes: &Notes) -> Result<Box<dyn Docume
     if !head.others.is_empty() {
         notes.add(Note::OtherColumns { names: head.others });
     }
-    Ok(Box::new(TextDocument { format: NAME, take, opened }))
+    Ok(Box::new(TextDocument { format: NAME, take, opened, beyond: Vec::new() }))
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! Writes a new export from nothing but a take: one block of trajectories, as Nexus writes it.
 
 use super::{INFO, NAME};
-use crate::text::fresh::{line_labels, quoted, writable, write_position};
+use crate::text::fresh::{LINES, labels, quoted, writable, write_position};
 use crate::{FormatError, Notes, Take};
 use std::io::{self, BufWriter, Write};
 
@@ -12,7 +12,7 @@ use std::io::{self, BufWriter, Write};
 pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
     let columns = writable(take, &INFO, notes)?;
     let mut out = BufWriter::with_capacity(1 << 16, out);
-    let labels = line_labels(&INFO, take, &columns, notes);
+    let labels = labels(&INFO, &LINES, take, &columns, &[], notes);
     write(take, &columns, &labels, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
 }
 

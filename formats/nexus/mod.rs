@@ -73,7 +73,7 @@ fn open(bytes: Vec<u8>, stated: &Stated, notes: &Notes) -> Result<Box<dyn Docume
     if !others.is_empty() {
         notes.add(Note::OtherBlocks { names: others });
     }
-    Ok(Box::new(TextDocument { format: NAME, take, opened }))
+    Ok(Box::new(TextDocument { format: NAME, take, opened, beyond: Vec::new() }))
 }
 
 /// The one block that holds the markers.

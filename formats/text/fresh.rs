@@ -4,13 +4,15 @@
 
 use super::clock::simplest_rate;
 use super::number;
+use crate::note::listed;
 use crate::{FormatError, FormatInfo, Notes, Origin, Place, Role, Take};
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
-/// The columns of the take that can be written: its markers. What of the rest every table of positions lacks is noted.
+/// The columns of the take that can be written: its markers. What of the rest every file of nothing but positions lacks is noted.
 ///
 /// # Errors
-/// The take has no markers.
+/// The take has no markers or no frames.
 pub(crate) fn writable(take: &Take, info: &FormatInfo, notes: &Notes) -> Result<Vec<usize>, FormatError> {
     let columns: Vec<usize> = take.markers.iter().enumerate().filter(|(_, m)| m.role == Role::Marker).map(|(column, _)| column).collect();
     if columns.is_empty() {
@@ -33,40 +35,107 @@ pub(crate) fn writable(take: &Take, info: &FormatInfo, notes: &Notes) -> Result<
     Ok(columns)
 }
 
-/// Labels for a header without quotes: no blanks around them, no tabs, line ends or other control characters, none empty. What was changed is noted.
-pub(crate) fn plain_labels(info: &FormatInfo, take: &Take, columns: &[usize], notes: &Notes) -> Vec<String> {
-    renamed(info, take, columns, notes, |number, label| {
-        let label = without_control(label);
-        if label.trim().is_empty() { format!("unlabelled_{}", number + 1) } else { label.trim().to_owned() }
-    })
+/// Which labels a format cannot hold, and how they are changed.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Spelling {
+    /// Letters that become `_`.
+    pub odd: fn(char) -> bool,
+    /// What these letters are.
+    pub odd_are: &'static str,
+    /// True if blanks at the ends are cut off, because a reader would do so.
+    pub trimmed: bool,
+    /// What an empty label becomes, before its number; `None` if it may be empty.
+    pub empty: Option<&'static str>,
+    /// The most letters.
+    pub longest: usize,
+    /// True if no two labels may be the same.
+    pub unique: bool,
 }
 
-/// Labels for a header with quotes that is read line by line: no line ends or other control characters. What was changed is noted.
-pub(crate) fn line_labels(info: &FormatInfo, take: &Take, columns: &[usize], notes: &Notes) -> Vec<String> {
-    renamed(info, take, columns, notes, |_, label| without_control(label))
-}
+/// For a header with quotes that is read line by line.
+pub(crate) const LINES: Spelling = Spelling {
+    odd: char::is_control,
+    odd_are: "tabs, line ends or other control characters",
+    trimmed: false,
+    empty: None,
+    longest: usize::MAX,
+    unique: false,
+};
 
-fn without_control(label: &str) -> String {
-    label.chars().map(|c| if c.is_control() { '_' } else { c }).collect()
-}
+/// For a header without quotes.
+pub(crate) const PLAIN: Spelling = Spelling { trimmed: true, empty: Some("unlabelled_"), ..LINES };
 
-fn renamed(info: &FormatInfo, take: &Take, columns: &[usize], notes: &Notes, rename: impl Fn(usize, &str) -> String) -> Vec<String> {
-    let mut changed = Vec::new();
-    let mut labels = Vec::with_capacity(columns.len());
-    for (number, marker) in columns.iter().filter_map(|&c| take.markers.get(c)).enumerate() {
-        let label = rename(number, &marker.label);
-        if label != marker.label {
-            changed.push(label.clone());
+impl Spelling {
+    /// The label as the format can hold it. Adds why it is another one, if it is.
+    fn spell(&self, column: usize, label: &str, why: &mut Vec<String>) -> String {
+        let mut reason = |text: String| {
+            if !why.contains(&text) {
+                why.push(text);
+            }
+        };
+        let plain: String = label.chars().take(self.longest).map(|c| if (self.odd)(c) { '_' } else { c }).collect();
+        if let Some(empty) = self.empty
+            && (label.is_empty() || self.trimmed && plain.trim().is_empty())
+        {
+            reason("are empty".to_owned());
+            return format!("{empty}{}", column + 1);
         }
-        labels.push(label);
+        if plain.len() < label.len() && label.chars().count() > self.longest {
+            reason(format!("have more than {} letters", self.longest));
+        }
+        if plain.chars().ne(label.chars().take(self.longest)) {
+            reason(format!("have {} in them", self.odd_are));
+        }
+        if self.trimmed && plain.trim().len() < plain.len() {
+            reason("have blanks at their ends".to_owned());
+            return plain.trim().to_owned();
+        }
+        plain
+    }
+}
+
+/// The labels of these columns as a format can hold them; what was changed is noted.
+///
+/// A changed label is unlike all others of the file, and unlike `reserved`. A label that need not be changed keeps its name before others get it.
+pub(crate) fn labels(
+    info: &FormatInfo,
+    spelling: &Spelling,
+    take: &Take,
+    columns: &[usize],
+    reserved: &[String],
+    notes: &Notes,
+) -> Vec<String> {
+    let mut why = Vec::new();
+    let mut taken: BTreeSet<String> = reserved.iter().cloned().collect();
+    // the label, and whether it may stay as it is
+    let mut labels: Vec<(String, bool)> = Vec::with_capacity(columns.len());
+    for &column in columns {
+        let label = take.markers.get(column).map_or("", |m| m.label.as_str());
+        let spelled = spelling.spell(column, label, &mut why);
+        let same = spelled == label;
+        let stays = same && (taken.insert(spelled.clone()) || !spelling.unique);
+        let clashes = "are called like others";
+        if same && !stays && !why.iter().any(|w| w == clashes) {
+            why.push(clashes.to_owned());
+        }
+        labels.push((spelled, stays));
+    }
+    let mut next: BTreeMap<String, usize> = BTreeMap::new();
+    let mut changed = Vec::new();
+    for (label, _) in labels.iter_mut().filter(|(_, stays)| !stays) {
+        let plain = label.clone();
+        while !taken.insert(label.clone()) {
+            let count = next.entry(plain.clone()).or_insert(1);
+            *count += 1;
+            *label = format!("{plain}_{count}");
+        }
+        changed.push(label.clone());
     }
     if !changed.is_empty() {
-        let names = changed.iter().take(8).map(String::as_str).collect::<Vec<_>>().join(", ");
-        let more = if changed.len() > 8 { ", ..." } else { "" };
-        let what = format!("{} labels that are empty or have tabs or line ends in them (now called {names}{more})", changed.len());
-        notes.not_expressible(info, what);
+        let why = why.join(" or ");
+        notes.changed(info, format!("{} labels that {why} were changed: now called {}", changed.len(), listed(&changed)));
     }
-    labels
+    labels.into_iter().map(|(label, _)| label).collect()
 }
 
 /// Three cells, each behind its separator.
@@ -106,4 +175,46 @@ pub(crate) fn time_decimals(take: &Take) -> Option<usize> {
 pub(crate) fn time(take: &Take, frame: usize, decimals: Option<usize>) -> String {
     let secs = frame as f64 / take.rate_hz;
     decimals.map_or_else(|| format!("{secs}"), |decimals| format!("{secs:.decimals$}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{Marker, TakeBuilder};
+
+    static INFO: FormatInfo = FormatInfo { name: "table", summary: "", extensions: &[], holds_gaps: true };
+
+    fn changed(spelling: &Spelling, from: &[&str]) -> (Vec<String>, Vec<String>) {
+        let take = TakeBuilder::new(from.iter().copied().map(Marker::new).collect(), 1, 100.0).build();
+        let notes = Notes::new();
+        let columns: Vec<usize> = (0..from.len()).collect();
+        let labels = labels(&INFO, spelling, &take, &columns, &["origin".to_owned()], &notes);
+        (labels, notes.take().iter().map(ToString::to_string).collect())
+    }
+
+    #[test]
+    fn changed_labels_are_unlike_all_others() {
+        let unique = Spelling { unique: true, longest: 3, ..PLAIN };
+        for (spelling, from, to, note) in [
+            (&PLAIN, &["A", "A", "b c"][..], &["A", "A", "b c"][..], None),
+            (&PLAIN, &["", "unlabelled_1"], &["unlabelled_1_2", "unlabelled_1"], Some("are empty were changed: now called unlabelled_1_2")),
+            (&PLAIN, &["a\tb", "a_b", "a\nb"], &["a_b_2", "a_b", "a_b_3"], None),
+            (&PLAIN, &[" A ", "A"], &["A_2", "A"], Some("1 labels that have blanks at their ends were changed: now called A_2")),
+            (
+                &LINES,
+                &["", " A", "x\ny"],
+                &["", " A", "x_y"],
+                Some("1 labels that have tabs, line ends or other control characters in them"),
+            ),
+            (&unique, &["A", "A", "A_2"], &["A", "A_3", "A_2"], Some("1 labels that are called like others were changed: now called A_3")),
+            (&unique, &["long", "lon"], &["lon_2", "lon"], Some("1 labels that have more than 3 letters were changed")),
+            (&Spelling { unique: true, ..LINES }, &["origin"], &["origin_2"], Some("are called like others")),
+        ] {
+            let (labels, notes) = changed(spelling, from);
+            assert_eq!(labels, to);
+            if let Some(text) = note {
+                assert!(notes.len() == 1 && notes.iter().all(|n| n.contains(text)), "{notes:?}");
+            }
+        }
+    }
 }

@@ -31,7 +31,6 @@ pub(crate) mod wide;
 
 use crate::{FormatError, Note, Notes, Stated, Take, Unit, is_a_rate};
 use save::Opened;
-use std::collections::BTreeSet;
 use wide::Rows;
 
 /// The name in errors, until the format puts its own there.
@@ -74,13 +73,7 @@ pub(crate) fn finish(
         notes.add(Note::FrameStep { step: rows.frame_step });
     }
     let (take, blanks) = rows.table.finish(stated.unit.or(said.unit), rate_hz, rows.frame_step, notes);
-    let mut seen = BTreeSet::new();
-    let mut twice = BTreeSet::new();
-    let again = take.markers.iter().map(|m| &m.label).filter(|l| !l.is_empty() && !seen.insert(*l) && twice.insert(*l));
-    let again: Vec<String> = again.cloned().collect();
-    if !again.is_empty() {
-        notes.add(Note::DuplicateLabels { labels: again });
-    }
+    notes.duplicate_labels(take.markers.iter().map(|m| m.label.as_str()));
     let style = rows.numbers.style(take.unit);
     Ok((take, Opened { bytes, blanks, style, short: rows.short }))
 }

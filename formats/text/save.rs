@@ -149,6 +149,8 @@ pub(crate) struct TextDocument {
     pub take: Take,
     /// The file, and where its gaps are.
     pub opened: Opened,
+    /// What the file holds that is not in the take ([`Document::beyond_take`]).
+    pub beyond: Vec<String>,
 }
 
 impl Document for TextDocument {
@@ -159,6 +161,10 @@ impl Document for TextDocument {
     fn save(&self, repaired: &Take, out: &mut dyn Write, _notes: &Notes) -> Result<(), FormatError> {
         same_size(self.format, &self.take, repaired)?;
         self.opened.write(repaired, Vec::new(), out).map_err(|e| FormatError::io(self.format, e))
+    }
+
+    fn beyond_take(&self) -> Vec<String> {
+        self.beyond.clone()
     }
 
     fn rounding_mm(&self) -> f64 {

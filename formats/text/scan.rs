@@ -174,13 +174,18 @@ impl<'a> Scanner<'a> {
     }
 }
 
-/// The text of a cell as a person reads it: quotes undoubled, UTF-8, or Latin-1 where it is not UTF-8.
-pub(crate) fn decode(cell: &Cell<'_>) -> String {
-    let text = match std::str::from_utf8(cell.text) {
+/// Bytes as letters: UTF-8, or Latin-1 where they are not UTF-8.
+pub(crate) fn letters(bytes: &[u8]) -> String {
+    match std::str::from_utf8(bytes) {
         Ok(text) => text.to_owned(),
         // Every byte is a character of Latin-1, so nothing is lost and different labels stay different.
-        Err(_) => cell.text.iter().map(|&b| char::from(b)).collect(),
-    };
+        Err(_) => bytes.iter().map(|&b| char::from(b)).collect(),
+    }
+}
+
+/// The text of a cell as a person reads it: quotes undoubled, UTF-8, or Latin-1 where it is not UTF-8.
+pub(crate) fn decode(cell: &Cell<'_>) -> String {
+    let text = letters(cell.text);
     if cell.quoted { text.replace("\"\"", "\"") } else { text }
 }
 

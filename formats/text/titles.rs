@@ -21,6 +21,8 @@ pub(crate) struct Titles {
     pub nameless_tail: usize,
     /// The unit of length, if one is written.
     pub unit: Option<Unit>,
+    /// For each marker, true if all its columns state a unit of length.
+    lengths: Vec<bool>,
     /// True if different columns have different units.
     pub units_differ: bool,
     /// A unit that is written and that we do not know.
@@ -60,6 +62,7 @@ pub(crate) fn understand(names: &[String], axes: &[String], units: &[String]) ->
             }
         }
         titles.markers.push(Marker::new(name));
+        titles.lengths.push(written.iter().all(|u| Unit::parse(u).is_some()));
         at += 3;
     }
     titles.units_differ |= titles.unit.is_some() && titles.unknown_unit.is_some();
@@ -74,10 +77,10 @@ impl Titles {
         }
     }
 
-    /// Marks what [`is_model_output`] takes for a model output; how many there are.
+    /// Marks what [`is_model_output`] takes for a model output, unless it is a length, as its unit says; how many there are.
     pub fn mark_model_outputs(&mut self) -> usize {
-        let outputs = self.markers.iter_mut().filter(|m| is_model_output(&m.label));
-        outputs.map(|m| m.role = Role::ModelOutput).count()
+        let outputs = self.markers.iter_mut().zip(&self.lengths).filter(|(m, length)| !**length && is_model_output(&m.label));
+        outputs.map(|(m, _)| m.role = Role::ModelOutput).count()
     }
 }
 

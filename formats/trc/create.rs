@@ -5,17 +5,14 @@
 //! Missing samples are empty cells, which it reads as NaN.
 
 use super::{INFO, NAME};
-use crate::text::fresh::{in_unit, plain_labels, time, time_decimals, writable};
-use crate::{FormatError, Notes, Place, Take};
+use crate::text::fresh::{PLAIN, in_unit, labels, time, time_decimals, writable};
+use crate::{FormatError, Notes, Take};
 use std::io::{self, BufWriter, Write};
 
 /// Writes the file.
 pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
     let columns = writable(take, &INFO, notes)?;
-    if take.frames() == 0 {
-        return Err(FormatError::unsupported(NAME, Place::Whole, "the take has no frames, so there is nothing to write"));
-    }
-    let labels = plain_labels(&INFO, take, &columns, notes);
+    let labels = labels(&INFO, &PLAIN, take, &columns, &[], notes);
     let mut out = BufWriter::with_capacity(1 << 16, out);
     write(take, &columns, &labels, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
 }

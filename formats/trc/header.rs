@@ -96,7 +96,7 @@ impl Header {
         let name = |at: usize| Marker::new(labels.names.get(at).cloned().unwrap_or_default());
         let unit_written = value("Units").map(str::to_owned);
         Ok(Self {
-            sheet: Sheet { separator, columns, nameless_tail: 0, time_unit_secs: None, start, line },
+            sheet: Sheet { separator, columns, nameless_tail: 0, time_unit_secs: Some(1.0), start, line },
             markers: (0..markers).map(name).collect(),
             rate_hz: rate("DataRate"),
             camera_rate_hz: rate("CameraRate"),

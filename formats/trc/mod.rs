@@ -75,7 +75,9 @@ fn open(bytes: Vec<u8>, stated: &Stated, notes: &Notes) -> Result<Box<dyn Docume
     if let Some(claimed) = header.frames.filter(|&claimed| claimed != u64::from(rows.frames)) {
         notes.add(Note::FrameCount { claimed, present: u64::from(rows.frames) });
     }
-    tell_surplus(&header, rows.surplus, notes);
+    let unnamed = if header.others.is_empty() { rows.surplus } else { 0 };
+    tell_surplus(&header, unnamed, notes);
+    let beyond = (unnamed > 0).then(|| "points that were not recognised, behind the last marker".to_owned()).into_iter().collect();
     if stated.rate_hz.is_none() {
         tell_rates(&header, &rows, notes)?;
     }
@@ -91,14 +93,15 @@ fn open(bytes: Vec<u8>, stated: &Stated, notes: &Notes) -> Result<Box<dyn Docume
         // a table without columns does not know how long it is
         take = TakeBuilder::new(Vec::new(), frames, take.rate_hz).first_frame(first_frame).unit(take.unit).build();
     }
-    Ok(Box::new(TextDocument { format: NAME, take, opened }))
+    Ok(Box::new(TextDocument { format: NAME, take, opened, beyond }))
 }
 
 /// Cells behind the last marker: Motion Analysis writes the points there that it could not name, pieces of tracks that come and go.
 fn tell_surplus(header: &Header, surplus: usize, notes: &Notes) {
     if !header.others.is_empty() {
         notes.add(Note::OtherColumns { names: header.others.clone() });
-    } else if surplus > 0 {
+    }
+    if surplus > 0 {
         let text = format!(
             "rows have up to {surplus} cells behind the {} markers, which the header does not name; they were taken as points that were not \
              recognised, and left as they are",

@@ -155,7 +155,7 @@ fn what_is_created_suits_other_readers() {
         [
             "trc cannot hold which axis points up (+y); left out",
             "trc cannot hold that 1 samples were filled or filtered before; left out",
-            "trc cannot hold 2 labels that are empty or have tabs or line ends in them (now called unlabelled_2, t_u); left out",
+            "2 labels that are empty or have tabs, line ends or other control characters in them were changed: now called unlabelled_2, t_u",
         ]
     );
     let (again, notes) = open(&text, &NONE);
@@ -167,6 +167,21 @@ fn what_is_created_suits_other_readers() {
         Trc.create(&nothing, &mut Vec::new(), &Notes::new()).unwrap_err().to_string(),
         "trc: the take has no markers, so there is nothing to write"
     );
+}
+
+#[test]
+fn times_are_seconds() {
+    let rows = ["1|0|1|2|3", "2|100|1|2|3", "3|200|1|2|3"];
+    let (document, notes) = open(file("3|1", "A", &rows).replace("\n100\t100\t", "\n0.01\t0.01\t"), &NONE);
+    assert_eq!((document.take().rate_hz, notes), (0.01, vec![]));
+}
+
+#[test]
+fn points_that_nobody_named_are_beyond_a_take() {
+    let (document, notes) = open(file("2|1", "A", &["1|0.00|1|2|3|7|8|9", "2|0.01|1|2|3"]), &NONE);
+    assert_eq!((document.beyond_take(), notes.len()), (vec!["points that were not recognised, behind the last marker".to_owned()], 1));
+    let (document, _) = open(file("2|1", "A", &["1|0.00|1|2|3", "2|0.01|1|2|3"]), &NONE);
+    assert!(document.beyond_take().is_empty());
 }
 
 /// Memory belongs to bytes that are there, not to labels times rows.

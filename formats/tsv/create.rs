@@ -4,16 +4,13 @@
 //! nothing. Missing samples are zeros, as in an export with the usual settings: readers that split at blanks would shift empty cells.
 
 use super::{INFO, NAME};
-use crate::text::fresh::{plain_labels, time, time_decimals, writable};
-use crate::{FormatError, Notes, Place, Take};
+use crate::text::fresh::{PLAIN, labels, time, time_decimals, writable};
+use crate::{FormatError, Notes, Place, Take, Unit};
 use std::io::{self, BufWriter, Write};
 
 /// Writes the file, in millimetres.
 pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
     let columns = writable(take, &INFO, notes)?;
-    if take.frames() == 0 {
-        return Err(FormatError::unsupported(NAME, Place::Whole, "the take has no frames, so there is nothing to write"));
-    }
     for &column in &columns {
         if let Some(frame) = (0..take.frames()).find(|&f| take.position_mm(f, column) == Some([0.0; 3])) {
             let (label, frame) = (take.display_label(column), take.frame_label(frame));
@@ -21,7 +18,10 @@ pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<
             return Err(FormatError::unsupported(NAME, Place::Whole, text));
         }
     }
-    let labels = plain_labels(&INFO, take, &columns, notes);
+    let labels = labels(&INFO, &PLAIN, take, &columns, &[], notes);
+    if take.unit != Unit::Millimetre {
+        notes.changed(&INFO, format!("lengths are written in mm, not {}", take.unit.symbol()));
+    }
     let mut out = BufWriter::with_capacity(1 << 16, out);
     write(take, &columns, &labels, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
 }

@@ -29,6 +29,8 @@ pub(super) struct Header {
     pub frames: Option<u64>,
     /// `NO_OF_MARKERS`.
     pub claimed: Option<usize>,
+    /// How many lines `EVENT` there are.
+    pub events: usize,
 }
 
 /// True if these are the first bytes of an export of QTM.
@@ -80,12 +82,13 @@ impl Header {
         let derived = |at: usize| types.get(at).is_some_and(|t| DERIVED.iter().any(|d| t.to_ascii_lowercase().starts_with(d)));
         let (columns, start, line) = columns(rows, count)?;
         Ok(Self {
-            sheet: Sheet { separator: TAB, columns, nameless_tail: 0, time_unit_secs: None, start, line },
+            sheet: Sheet { separator: TAB, columns, nameless_tail: 0, time_unit_secs: Some(1.0), start, line },
             markers: names.into_iter().map(Marker::new).collect(),
             derived: (0..count).map(derived).collect(),
             rate_hz: value("FREQUENCY").and_then(|v| v.replace(',', ".").parse::<f64>().ok()).filter(|r| r.is_finite() && *r > 0.0),
             frames: value("NO_OF_FRAMES").and_then(|v| v.parse().ok()),
             claimed,
+            events: keys.iter().filter(|(key, _)| key == "EVENT").count(),
         })
     }
 }

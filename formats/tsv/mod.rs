@@ -83,7 +83,9 @@ fn open(bytes: Vec<u8>, stated: &Stated, notes: &Notes) -> Result<Box<dyn Docume
     let said = Said { unit: Some(Unit::Millimetre), rate_hz: header.rate_hz };
     let (take, opened) = text::finish(bytes, &header.sheet, rows, said, stated, notes)?;
     let take = with_origins(take, &header.derived);
-    Ok(Box::new(TextDocument { format: NAME, take, opened }))
+    let events = header.events;
+    let beyond = (events > 0).then(|| format!("{events} event{}", if events == 1 { "" } else { "s" })).into_iter().collect();
+    Ok(Box::new(TextDocument { format: NAME, take, opened, beyond }))
 }
 
 /// Marks the samples of trajectories that are not measured.

@@ -65,6 +65,7 @@ fn types_of_trajectories() {
     let take = document.take();
     assert_eq!([take.origin(0, 0), take.origin(0, 1), take.origin(1, 1)], [Origin::Measured, Origin::Derived, Origin::Missing]);
     assert_eq!(notes, [] as [&str; 0]);
+    assert_eq!(document.beyond_take(), ["1 event"]);
 }
 
 #[test]
@@ -96,7 +97,9 @@ fn what_is_created() {
                 7|0.000000|1|0|3.5|0.000|0.000|0.000\r\n8|0.016683|0.000|0.000|0.000|0.000|0.000|0.000\r\n";
     assert!(text.starts_with("NO_OF_FRAMES\t2\r\nNO_OF_CAMERAS\t0\r\nNO_OF_MARKERS\t2\r\nFREQUENCY\t59.94\r\n"), "{text}");
     assert!(text.replace('\t', "|").ends_with(tail), "{text}");
-    assert_eq!(notes.take().len(), 2);
+    let said: Vec<String> = notes.take().iter().map(ToString::to_string).collect();
+    let changed = ["1 labels that are empty were changed: now called unlabelled_2", "lengths are written in mm, not m"];
+    assert_eq!(said, [&["tsv cannot hold which axis points up (+z); left out"][..], &changed].concat());
     let (again, notes) = open(&text, &NONE);
     assert_eq!(notes, ["3 samples at exactly 0 0 0 were read as missing"]);
     assert_eq!((again.take().rate_hz, again.take().first_frame), (59.94, 7));
