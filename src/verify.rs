@@ -14,6 +14,9 @@ use formats::{Document, Format, Leeway, Notes, Origin, Role, Stated, Take};
 #[error("the written file does not keep what was promised: {0}; nothing was put in place, please report this")]
 pub struct Broken(String);
 
+/// By how much of the unit a new file may move a sample away from 0 0 0.
+const NOT_THE_ORIGIN: f64 = 1.01e-6;
+
 /// Opens `written` with `format` and compares it with the repaired take.
 /// Returns the written file, opened.
 ///
@@ -62,7 +65,8 @@ fn compare(document: &dyn Document, repaired: &Take, patched: Option<Leeway>, ho
     if timed && (take.rate_hz - repaired.rate_hz).abs() > 1e-3 * repaired.rate_hz.abs() {
         return broken(format!("{} Hz instead of {}", take.rate_hz, repaired.rate_hz));
     }
-    let rounding_mm = document.rounding_mm();
+    // a new file may have to move what is at exactly 0 0 0 by a millionth of its unit, or it would read as missing
+    let rounding_mm = if same_format { document.rounding_mm() } else { document.rounding_mm().max(NOT_THE_ORIGIN * take.unit.mm()) };
     for frame in 0..repaired.frames() {
         let changed = (0..repaired.markers.len()).any(|m| repaired.origin(frame, m) == Origin::Repaired);
         for (column, &marker) in columns.iter().enumerate() {

@@ -9,6 +9,9 @@ use crate::{FormatError, FormatInfo, Notes, Origin, Place, Role, Take};
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{self, Write};
 
+/// What is written for 0 where all three coordinates are 0.
+pub(crate) const NOT_THE_ORIGIN: f64 = 1e-6;
+
 /// The columns of the take that can be written: its markers. What of the rest every file of nothing but positions lacks is noted.
 ///
 /// # Errors
@@ -138,11 +141,18 @@ pub(crate) fn labels(
     labels.into_iter().map(|(label, _)| label).collect()
 }
 
+/// A position in the take's unit, as it is written into a new table. One at exactly `0 0 0` is moved by a millionth of the unit,
+/// because readers, ours among them, may take that for a gap. `None` if the sample is missing.
+pub(crate) fn cells(take: &Take, frame: usize, column: usize) -> Option<[f64; 3]> {
+    let values = take.position_mm(frame, column)?.map(|mm| in_unit(mm, take.unit.mm()));
+    Some(if values == [0.0; 3] { [NOT_THE_ORIGIN, 0.0, 0.0] } else { values })
+}
+
 /// Three cells, each behind its separator.
 pub(crate) fn write_position(take: &Take, frame: usize, column: usize, out: &mut dyn Write) -> io::Result<()> {
-    let Some(position) = take.position_mm(frame, column) else { return write!(out, ",,,") };
-    for mm in position {
-        write!(out, ",{}", in_unit(mm, take.unit.mm()))?;
+    let Some(cells) = cells(take, frame, column) else { return write!(out, ",,,") };
+    for cell in cells {
+        write!(out, ",{cell}")?;
     }
     Ok(())
 }

@@ -5,7 +5,7 @@
 //! Missing samples are empty cells, which it reads as NaN.
 
 use super::{INFO, NAME};
-use crate::text::fresh::{PLAIN, in_unit, labels, time, time_decimals, writable};
+use crate::text::fresh::{PLAIN, cells, labels, time, time_decimals, writable};
 use crate::{FormatError, Notes, Take};
 use std::io::{self, BufWriter, Write};
 
@@ -35,11 +35,11 @@ fn write(take: &Take, columns: &[usize], labels: &[String], out: &mut dyn Write)
     for frame in 0..frames {
         write!(out, "{}\t{}\t", take.frame_label(frame), time(take, frame, decimals))?;
         for &column in columns {
-            match take.position_mm(frame, column) {
+            match cells(take, frame, column) {
                 None => write!(out, "\t\t\t")?,
-                Some(position) => {
-                    for mm in position {
-                        write!(out, "{}\t", in_unit(mm, take.unit.mm()))?;
+                Some(cells) => {
+                    for cell in cells {
+                        write!(out, "{cell}\t")?;
                     }
                 }
             }

@@ -4,20 +4,13 @@
 //! nothing. Missing samples are zeros, as in an export with the usual settings: readers that split at blanks would shift empty cells.
 
 use super::{INFO, NAME};
-use crate::text::fresh::{PLAIN, labels, time, time_decimals, writable};
-use crate::{FormatError, Notes, Place, Take, Unit};
+use crate::text::fresh::{NOT_THE_ORIGIN, PLAIN, labels, time, time_decimals, writable};
+use crate::{FormatError, Notes, Take, Unit};
 use std::io::{self, BufWriter, Write};
 
 /// Writes the file, in millimetres.
 pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
     let columns = writable(take, &INFO, notes)?;
-    for &column in &columns {
-        if let Some(frame) = (0..take.frames()).find(|&f| take.position_mm(f, column) == Some([0.0; 3])) {
-            let (label, frame) = (take.display_label(column), take.frame_label(frame));
-            let text = format!("{label} in frame {frame} is at exactly 0 0 0, which means missing in this format; write C3D, TRC or CSV");
-            return Err(FormatError::unsupported(NAME, Place::Whole, text));
-        }
-    }
     let labels = labels(&INFO, &PLAIN, take, &columns, &[], notes);
     if take.unit != Unit::Millimetre {
         notes.changed(&INFO, format!("lengths are written in mm, not {}", take.unit.symbol()));
@@ -48,6 +41,8 @@ fn write(take: &Take, columns: &[usize], labels: &[String], out: &mut dyn Write)
             match take.position_mm(frame, column) {
                 None => write!(out, "\t0.000\t0.000\t0.000")?,
                 Some(position) => {
+                    // zeros mean missing
+                    let position = if position == [0.0; 3] { [NOT_THE_ORIGIN, 0.0, 0.0] } else { position };
                     for mm in position {
                         write!(out, "\t{}", mm + 0.0)?; // no "-0"
                     }

@@ -110,7 +110,7 @@ fn outputs_that_cannot_be_or_must_not_be_are_refused() {
         (&["-o", "there.c3d"], "there.c3d: exists already; give another name, or say --force to replace it"),
         (&["-o", "there.csv"], "there.mcap: exists already; give another name, or say --force to replace it"),
         (&["-o", "out.c3d", "--fills", "there.c3d"], "there.c3d: exists already"),
-        (&["-o", input], "walk-gaps.c3d: is the input itself; give another name, or say --in-place"),
+        (&["-o", input], "walk-gaps.c3d: is the input itself; give another name, or repair with --in-place"),
         (&["-o", input, "--force"], "walk-gaps.c3d: is the input itself"),
         (&["-o", "./walk-gaps.c3d", "--force"], "./walk-gaps.c3d: is the input itself"),
         (&["-o", "hard.c3d"], "hard.c3d: is the input itself"),
