@@ -194,7 +194,8 @@ fn named(extension: &str) -> Vec<&'static dyn Format> {
     named
 }
 
-/// Chooses the format by content. The extension (without the dot) breaks ties, and must not contradict the content.
+/// Chooses the format by content: among those that the extension (without the dot) may belong to, or among all if it belongs to none.
+/// So the content decides, but must not contradict the name.
 ///
 /// # Errors
 /// Empty, unknown, or named after a format that does not know the content.

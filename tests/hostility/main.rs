@@ -162,7 +162,9 @@ fn main() {
         trials.push(Trial::test(format!("{name}: {count} damaged files"), move || mutations(name, &fixtures, count, program)));
     }
     for folder in ["fixtures", "formats/fuzz/corpus"] {
-        for path in files(&root().join(folder)) {
+        let all = files(&root().join(folder));
+        assert!(all.len() > 100, "{folder} holds only {} files", all.len());
+        for path in all {
             let name = path.strip_prefix(root()).unwrap().display().to_string();
             trials.push(Trial::test(name, move || replay(&path, program)));
         }
