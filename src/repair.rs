@@ -311,19 +311,17 @@ fn write_out(
     report.judge_bones(bones, &repaired, request.hard());
 
     // From here on everything is written; what remains are names.
-    let mut placed = Placed::default();
+    let mut placed = staging::Placed::default();
     if let Some(path) = &request.fills {
         let mut table = staging::beside(path).map_err(|e| unwritable(path, &e))?;
         fills::write(&report.samples, &repaired, request.method, &mut table).map_err(|e| unwritable(path, &e))?;
-        placed.add(path, staging::publish(table, path).map_err(|e| unwritable(path, &e)))?;
+        placed.keep(path).and_then(|()| staging::publish(table, path)).map_err(|e| unwritable(path, &e))?;
     }
     if let (Some(log), Some(path)) = (log, &request.log) {
         let closing = Closing { results: report.results(), attachments: report.attachments() };
+        placed.keep(path).map_err(|e| unwritable(path, &e))?;
         match log.finish(&closing) {
-            Ok(_) => {
-                report.log = Some(path.clone());
-                placed.0.push(path.clone());
-            }
+            Ok(_) => report.log = Some(path.clone()),
             Err(error) => report.log_failed(path, &error),
         }
     }
@@ -331,49 +329,31 @@ fn write_out(
         // whoever may not read the original may not read the repaired take either
         let same = std::fs::metadata(&request.input).and_then(|input| file.as_file().set_permissions(input.permissions()));
         same.map_err(|e| unwritable(target, &e))?;
-        keep_original(request, &sha256).and_then(|kept| placed.add(&kept, Ok(())))?;
+        let kept = original_name(&request.input);
+        keep_original(&request.input, &kept, &sha256)?;
+        placed.added(&kept);
     }
     staging::publish(file, target).map_err(|e| unwritable(target, &e))?;
-    placed.0.clear();
+    placed.done();
     report.output = Some(target.clone());
     report.notes = notes.take();
     Ok(report)
 }
 
-/// Files that already have their final names; taken away again if the output does not follow.
-#[derive(Default)]
-struct Placed(Vec<PathBuf>);
-
-impl Placed {
-    fn add(&mut self, path: &Path, result: Result<(), RepairError>) -> Result<(), RepairError> {
-        result.map(|()| self.0.push(path.to_owned()))
-    }
-}
-
-impl Drop for Placed {
-    fn drop(&mut self) {
-        for path in &self.0 {
-            // nothing better can be done here than to try
-            let _ = std::fs::remove_file(path);
-        }
-    }
-}
-
-/// Copies the input to `<name>.orig`, whole or not at all, and only if it still is what was read.
-fn keep_original(request: &Request, sha256: &str) -> Result<PathBuf, RepairError> {
-    let kept = original_name(&request.input);
-    let copied = staging::beside(&kept).and_then(|file| {
-        std::fs::copy(&request.input, file.path())?;
+/// Copies the input to `kept`, whole or not at all, and only if it still is what was read.
+fn keep_original(input: &Path, kept: &Path, sha256: &str) -> Result<(), RepairError> {
+    let copied = staging::beside(kept).and_then(|file| {
+        std::fs::copy(input, file.path())?;
         file.as_file().sync_all()?;
         Ok((hex(&Sha256::digest(std::fs::read(file.path())?)), file))
     });
-    let (copied_sha256, file) = copied.map_err(|e| unwritable(&kept, &e))?;
+    let (copied_sha256, file) = copied.map_err(|e| unwritable(kept, &e))?;
     if copied_sha256 != sha256 {
         let problem = "was changed by someone else while it was repaired; nothing was replaced, run it again".to_owned();
-        return Err(RepairError::Io { path: request.input.clone(), problem });
+        return Err(RepairError::Io { path: input.to_owned(), problem });
     }
-    file.persist_noclobber(&kept).map_err(|e| unwritable(&kept, &e.error))?;
-    Ok(kept)
+    file.persist_noclobber(kept).map_err(|e| unwritable(kept, &e.error))?;
+    Ok(())
 }
 
 impl Request {

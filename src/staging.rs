@@ -6,7 +6,7 @@
 use std::ffi::OsString;
 use std::io;
 use std::path::{Path, PathBuf};
-use tempfile::NamedTempFile;
+use tempfile::{NamedTempFile, TempPath};
 
 /// A hidden temporary file in the folder of `path`, called `.<name>.<random>.part`.
 ///
@@ -45,6 +45,56 @@ pub fn publish(file: NamedTempFile, path: &Path) -> io::Result<()> {
     Ok(())
 }
 
+/// Files that get their final names one after the other. If it is dropped before all of them have theirs, everything is as it was before.
+#[derive(Debug, Default)]
+pub struct Placed(Vec<(PathBuf, Option<TempPath>)>);
+
+impl Placed {
+    /// To be called before something gets the name `path`: what has it now is kept under a hidden name.
+    ///
+    /// # Errors
+    /// It cannot be kept.
+    pub fn keep(&mut self, path: &Path) -> io::Result<()> {
+        let old = if path.exists() {
+            let mut hidden = OsString::from(".");
+            hidden.push(path.file_name().unwrap_or_default());
+            hidden.push(".");
+            let mut builder = tempfile::Builder::new();
+            builder.prefix(&hidden).suffix(".old");
+            // a second name costs nothing; file systems that have none get a copy
+            let linked = builder.make_in(folder(path), |hidden| std::fs::hard_link(path, hidden));
+            let kept = linked.or_else(|_| builder.make_in(folder(path), |hidden| std::fs::copy(path, hidden).map(|_| ())));
+            Some(kept?.into_temp_path())
+        } else {
+            None
+        };
+        self.0.push((path.to_owned(), old));
+        Ok(())
+    }
+
+    /// A file that was put where nothing was.
+    pub fn added(&mut self, path: &Path) {
+        self.0.push((path.to_owned(), None));
+    }
+
+    /// All have their names; what was kept goes.
+    pub fn done(mut self) {
+        self.0.clear();
+    }
+}
+
+impl Drop for Placed {
+    fn drop(&mut self) {
+        for (path, old) in self.0.drain(..).rev() {
+            // nothing better can be done here than to try
+            let _ = match old {
+                Some(old) => old.persist(&path).map_err(|e| e.error),
+                None => std::fs::remove_file(&path),
+            };
+        }
+    }
+}
+
 /// True if both names mean one file, by whatever links.
 pub fn same_file(a: &Path, b: &Path) -> bool {
     #[cfg(unix)]
@@ -59,4 +109,38 @@ pub fn same_file(a: &Path, b: &Path) -> bool {
 fn resolved(path: &Path) -> PathBuf {
     let folder = folder(path).canonicalize().unwrap_or_else(|_| folder(path).to_owned());
     path.canonicalize().unwrap_or_else(|_| folder.join(path.file_name().unwrap_or_default()))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn place(path: &Path, text: &str, placed: &mut Placed) {
+        placed.keep(path).unwrap();
+        let file = beside(path).unwrap();
+        std::fs::write(file.path(), text).unwrap();
+        publish(file, path).unwrap();
+    }
+
+    #[test]
+    fn what_was_there_comes_back_unless_all_is_done() {
+        let folder = tempfile::tempdir().unwrap();
+        let (a, b) = (folder.path().join("a"), folder.path().join("b"));
+        std::fs::write(&a, "old").unwrap();
+        for done in [false, true] {
+            let mut placed = Placed::default();
+            place(&a, "new", &mut placed);
+            place(&b, "new", &mut placed);
+            assert_eq!(std::fs::read_to_string(&a).unwrap(), "new");
+            if done {
+                placed.done();
+            } else {
+                drop(placed);
+                assert_eq!((std::fs::read_to_string(&a).unwrap().as_str(), b.exists()), ("old", false));
+            }
+        }
+        assert_eq!((std::fs::read_to_string(&a).unwrap().as_str(), b.exists()), ("new", true));
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "nothing hidden is left");
+    }
 }
