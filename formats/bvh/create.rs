@@ -5,9 +5,9 @@
 
 use super::motion::{FARTHEST, rate_of};
 use super::{INFO, NAME};
-use crate::text::fresh::{Spelling, in_unit, labels, writable};
+use crate::text::fresh::{Spelling, buffered, in_unit, labels, writable};
 use crate::{FormatError, Notes, Origin, Place, Take, Unit};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 
 /// The name of the root, before its unit.
 const ROOT: &str = "origin_";
@@ -44,9 +44,10 @@ pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<
     }
     let names = labels(&INFO, &NAMES, take, &columns, &[format!("{ROOT}{}", take.unit.symbol())], notes);
     note_losses(take, &columns, notes);
-    let mut out = BufWriter::with_capacity(1 << 16, out);
-    let head = write_head(take, &names, &mut out);
-    head.and_then(|()| write_rows(take, &columns, &mut out)).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+    buffered(&INFO, out, |out| {
+        write_head(take, &names, out)?;
+        write_rows(take, &columns, out)
+    })
 }
 
 /// Notes what a cloud of points lacks besides.

@@ -10,6 +10,7 @@
 
 use super::NAME;
 use super::header::{Header, Shape};
+use crate::text::number::decimal;
 use crate::text::scan::{Scanner, decode, first_lines, likely_separator};
 use crate::text::{Column, Sheet};
 use crate::{FormatError, Marker, Place};
@@ -21,7 +22,7 @@ const UNEVEN: f64 = 0.1;
 
 /// True if the first line that is not empty holds numbers and nothing else.
 pub(super) fn is_bare(bytes: &[u8]) -> bool {
-    let numeric = |text: &str| text.replace(',', ".").parse::<f64>().is_ok_and(f64::is_finite);
+    let numeric = |text: &str| decimal(text).is_some();
     let lines = first_lines(bytes, 1);
     let cells: Vec<&String> = lines.first().into_iter().flatten().filter(|c| !c.is_empty()).collect();
     cells.iter().filter(|c| numeric(c)).count() >= 2 && cells.iter().all(|c| numeric(c) || c.eq_ignore_ascii_case("nan"))

@@ -5,16 +5,15 @@
 //! Numbers have the fewest digits that read back as the same number; missing samples are empty cells.
 
 use super::{INFO, NAME};
-use crate::text::fresh::{quoted, time, time_decimals, writable, write_position};
+use crate::text::fresh::{buffered, quoted, time, time_decimals, writable, write_position};
 use crate::{FormatError, Notes, Place, Take};
 use std::collections::BTreeSet;
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 
 /// Writes a wide table: a row for each frame.
 pub(super) fn create_wide(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
     let columns = markers(take, notes)?;
-    let mut out = BufWriter::with_capacity(1 << 16, out);
-    write_wide(take, &columns, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+    buffered(&INFO, out, |out| write_wide(take, &columns, out))
 }
 
 /// Writes a long table: a row for each sample, frame by frame, with empty coordinates where the sample is missing.
@@ -32,8 +31,7 @@ pub fn create_long(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<()
             return Err(FormatError::unsupported(NAME, Place::Whole, text));
         }
     }
-    let mut out = BufWriter::with_capacity(1 << 16, out);
-    write_long(take, &columns, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+    buffered(&INFO, out, |out| write_long(take, &columns, out))
 }
 
 /// The columns of the take that can be written; what cannot is noted.

@@ -1,9 +1,9 @@
 //! Writes a new export from nothing but a take: its markers, as Motive 2 writes them (format version 1.23).
 
-use super::{INFO, NAME};
-use crate::text::fresh::{LINES, labels, quoted, time, time_decimals, writable, write_position};
+use super::INFO;
+use crate::text::fresh::{LINES, buffered, labels, quoted, time, time_decimals, writable, write_position};
 use crate::{FormatError, Notes, Take, Unit};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 
 /// Writes the table, in the take's own unit. Markers get their number as identifier.
 ///
@@ -11,9 +11,8 @@ use std::io::{self, BufWriter, Write};
 /// Unsupported if the take has no markers, or an I/O error of `out`.
 pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
     let columns = writable(take, &INFO, notes)?;
-    let mut out = BufWriter::with_capacity(1 << 16, out);
     let labels = labels(&INFO, &LINES, take, &columns, &[], notes);
-    write(take, &columns, &labels, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+    buffered(&INFO, out, |out| write(take, &columns, &labels, out))
 }
 
 fn write(take: &Take, columns: &[usize], labels: &[String], out: &mut dyn Write) -> io::Result<()> {

@@ -14,6 +14,7 @@
 //! The version is not asked: lines are told by what they hold.
 
 use super::NAME;
+use crate::text::number::decimal;
 use crate::text::scan::{Scanner, excerpt};
 use crate::text::titles::{self, row};
 use crate::text::{Column, Sheet};
@@ -81,7 +82,7 @@ impl Head {
             let at = settings.iter().step_by(2).position(|k| k.trim().eq_ignore_ascii_case(key))?;
             settings.get(2 * at + 1).map(|v| v.trim()).filter(|v| !v.is_empty())
         };
-        let number = |key: &str| setting(key).and_then(|v| v.replace(',', ".").parse::<f64>().ok()).filter(|v| v.is_finite() && *v > 0.0);
+        let number = |key: &str| setting(key).and_then(decimal).filter(|v| *v > 0.0);
 
         let (lines, axes) = header_lines(bytes, &mut scanner)?;
         let (Some(types), Some(names), Some(contents)) =

@@ -3,6 +3,8 @@
 //! Blocks come in any order, with or without a blank line before them, padded with separators (a spreadsheet saved the file) or not.
 //! Here a line is what stands between line ends; cells are the matter of those who read a block.
 
+use crate::text::number::decimal;
+
 /// A block of an export.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Block {
@@ -83,7 +85,7 @@ fn lone_rate(line: &[u8]) -> Option<f64> {
         Some(number) if text.to_ascii_lowercase().ends_with("hz") => lone(number.as_bytes())?,
         _ => text,
     };
-    number.replace(',', ".").parse().ok().filter(|rate: &f64| rate.is_finite())
+    decimal(number)
 }
 
 /// The text of a line without blanks, quotes and separators around it, if it is short enough to be a name or a number.

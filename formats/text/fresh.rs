@@ -7,7 +7,7 @@ use super::number;
 use crate::note::listed;
 use crate::{FormatError, FormatInfo, Notes, Origin, Place, Role, Take};
 use std::collections::{BTreeMap, BTreeSet};
-use std::io::{self, Write};
+use std::io::{self, BufWriter, Write};
 
 /// What is written for 0 where all three coordinates are 0.
 pub(crate) const NOT_THE_ORIGIN: f64 = 1e-6;
@@ -146,6 +146,19 @@ pub(crate) fn labels(
 pub(crate) fn cells(take: &Take, frame: usize, column: usize) -> Option<[f64; 3]> {
     let values = take.position_mm(frame, column)?.map(|mm| in_unit(mm, take.unit.mm()));
     Some(if values == [0.0; 3] { [NOT_THE_ORIGIN, 0.0, 0.0] } else { values })
+}
+
+/// Writes a new file through a buffer, to its end.
+///
+/// # Errors
+/// An I/O error of `out`.
+pub(crate) fn buffered(
+    info: &FormatInfo,
+    out: &mut dyn Write,
+    write: impl FnOnce(&mut dyn Write) -> io::Result<()>,
+) -> Result<(), FormatError> {
+    let mut out = BufWriter::with_capacity(1 << 16, out);
+    write(&mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(info.name, e))
 }
 
 /// Three cells, each behind its separator.

@@ -218,6 +218,11 @@ fn plain(text: &[u8]) -> Option<Plain> {
     Some(Plain { value: if negative { -value } else { value }, sign, decimals })
 }
 
+/// A finite number with a decimal point or comma, as headers have it.
+pub(crate) fn decimal(text: &str) -> Option<f64> {
+    text.replace(',', ".").parse().ok().filter(|x: &f64| x.is_finite())
+}
+
 /// True if the text says that there is no number.
 fn is_missing(text: &[u8]) -> bool {
     let Some(&first) = text.first() else { return true };

@@ -4,17 +4,16 @@
 //! each row as there are columns. It does not count an empty last cell unless a tab follows, so every cell is followed by one.
 //! Missing samples are empty cells, which it reads as NaN.
 
-use super::{INFO, NAME};
-use crate::text::fresh::{PLAIN, cells, labels, time, time_decimals, writable};
+use super::INFO;
+use crate::text::fresh::{PLAIN, buffered, cells, labels, time, time_decimals, writable};
 use crate::{FormatError, Notes, Take};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 
 /// Writes the file.
 pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
     let columns = writable(take, &INFO, notes)?;
     let labels = labels(&INFO, &PLAIN, take, &columns, &[], notes);
-    let mut out = BufWriter::with_capacity(1 << 16, out);
-    write(take, &columns, &labels, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+    buffered(&INFO, out, |out| write(take, &columns, &labels, out))
 }
 
 fn write(take: &Take, columns: &[usize], labels: &[String], out: &mut dyn Write) -> io::Result<()> {

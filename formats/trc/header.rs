@@ -5,6 +5,7 @@
 
 use super::NAME;
 use crate::text::lines::{Line, Lines};
+use crate::text::number::decimal;
 use crate::text::scan::excerpt;
 use crate::text::{Column, Sheet};
 use crate::{FormatError, Marker, Note, Notes, Place, Unit};
@@ -67,7 +68,7 @@ impl Header {
         let values = lines.next_filled(separator).ok_or_else(|| ends(&lines, "the line with the values of DataRate, NumFrames, ..."))?;
         let stated = pairs(&words(keys, separator), &words(values, separator));
         let value = |key: &str| stated.iter().find(|(k, _)| k.eq_ignore_ascii_case(key)).map(|(_, v)| v.as_str()).filter(|v| !v.is_empty());
-        let rate = |key: &str| value(key).and_then(|v| v.replace(',', ".").parse::<f64>().ok()).filter(|r| r.is_finite() && *r > 0.0);
+        let rate = |key: &str| value(key).and_then(decimal).filter(|r| *r > 0.0);
 
         let head = lines.next_filled(separator).ok_or_else(|| ends(&lines, "the line with Frame#, Time and the labels"))?;
         let cells = head.cells(separator);

@@ -3,10 +3,10 @@
 //! Readers count the lines of the header, so all of the older export are there, in its order; what nobody knows is written as QTM writes
 //! nothing. Missing samples are zeros, as in an export with the usual settings: readers that split at blanks would shift empty cells.
 
-use super::{INFO, NAME};
-use crate::text::fresh::{NOT_THE_ORIGIN, PLAIN, labels, time, time_decimals, writable};
+use super::INFO;
+use crate::text::fresh::{NOT_THE_ORIGIN, PLAIN, buffered, labels, time, time_decimals, writable};
 use crate::{FormatError, Notes, Take, Unit};
-use std::io::{self, BufWriter, Write};
+use std::io::{self, Write};
 
 /// Writes the file, in millimetres.
 pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
@@ -15,8 +15,7 @@ pub(super) fn create(take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<
     if take.unit != Unit::Millimetre {
         notes.changed(&INFO, format!("lengths are written in mm, not {}", take.unit.symbol()));
     }
-    let mut out = BufWriter::with_capacity(1 << 16, out);
-    write(take, &columns, &labels, &mut out).and_then(|()| out.flush()).map_err(|e| FormatError::io(NAME, e))
+    buffered(&INFO, out, |out| write(take, &columns, &labels, out))
 }
 
 fn write(take: &Take, columns: &[usize], labels: &[String], out: &mut dyn Write) -> io::Result<()> {

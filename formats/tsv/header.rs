@@ -2,6 +2,7 @@
 
 use super::NAME;
 use crate::text::lines::{Line, Lines, word};
+use crate::text::number::decimal;
 use crate::text::scan::excerpt;
 use crate::text::{Column, Sheet};
 use crate::{FormatError, Marker, Place};
@@ -85,7 +86,7 @@ impl Header {
             sheet: Sheet { separator: TAB, columns, nameless_tail: 0, time_unit_secs: Some(1.0), start, line },
             markers: names.into_iter().map(Marker::new).collect(),
             derived: (0..count).map(derived).collect(),
-            rate_hz: value("FREQUENCY").and_then(|v| v.replace(',', ".").parse::<f64>().ok()).filter(|r| r.is_finite() && *r > 0.0),
+            rate_hz: value("FREQUENCY").and_then(decimal).filter(|r| *r > 0.0),
             frames: value("NO_OF_FRAMES").and_then(|v| v.parse().ok()),
             claimed,
             events: keys.iter().filter(|(key, _)| key == "EVENT").count(),
