@@ -1,6 +1,6 @@
 //! The take as matrices. This is the only place where the one becomes the other.
 
-use formats::{Direction, Role, Take};
+use formats::{Direction, Origin, Role, Take};
 
 /// A maximal run of missing samples of one marker.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,8 +52,10 @@ pub struct Problem {
     pub bones: Vec<Bone>,
     /// Every missing sample as (frame, column of the problem), frame by frame. The order of every [`Estimate`](super::Estimate).
     pub missing: Vec<(usize, usize)>,
-    frames: usize,
-    positions_mm: Vec<[f64; 3]>,
+    /// Shares its positions with the take that the problem was made of.
+    take: Take,
+    /// Samples that are hidden besides, frame by frame; empty if there are none.
+    hidden: Vec<bool>,
     missing_starts: Vec<usize>,
 }
 
@@ -71,48 +73,54 @@ impl Problem {
             .collect();
         let column_of = |marker: usize| columns.binary_search(&marker).ok();
         let bones = bones.iter().filter_map(|bone| Some(Bone { a: column_of(bone.a)?, b: column_of(bone.b)?, ..*bone })).collect();
-        let mut positions_mm = Vec::with_capacity(frames * columns.len());
-        let mut missing = Vec::new();
-        let mut missing_starts = Vec::with_capacity(frames + 1);
-        for frame in 0..frames {
-            missing_starts.push(missing.len());
-            for (column, &marker) in columns.iter().enumerate() {
-                if let Some(position) = take.position_mm(frame, marker) {
-                    positions_mm.push(position);
-                } else {
-                    positions_mm.push([f64::NAN; 3]);
-                    missing.push((frame, column));
-                }
-            }
-        }
-        missing_starts.push(missing.len());
         let names = columns.iter().filter_map(|&m| take.markers.get(m)).map(|m| m.name().to_owned()).collect();
         let prefixes = prefixes(take, &columns);
-        Self { rate_hz: take.rate_hz, up: take.up, columns, names, prefixes, bones, missing, frames, positions_mm, missing_starts }
+        let mut problem = Self {
+            rate_hz: take.rate_hz,
+            up: take.up,
+            columns,
+            names,
+            prefixes,
+            bones,
+            missing: Vec::new(),
+            take: take.clone(),
+            hidden: Vec::new(),
+            missing_starts: Vec::new(),
+        };
+        problem.list_missing();
+        problem
     }
 
     /// The same with more samples, (frame, column), hidden.
     #[must_use]
     pub fn hiding(&self, samples: &[(usize, usize)]) -> Self {
         let mut other = self.clone();
-        let markers = self.columns.len();
+        other.hidden.resize(self.frames() * self.markers(), false);
         for &(t, i) in samples {
-            other.positions_mm[t * markers + i] = [f64::NAN; 3];
+            other.hidden[t * self.markers() + i] = true;
         }
-        other.missing.clear();
-        other.missing_starts.clear();
-        for t in 0..self.frames {
-            other.missing_starts.push(other.missing.len());
-            let row = &other.positions_mm[t * markers..(t + 1) * markers];
-            other.missing.extend(row.iter().enumerate().filter(|(_, x)| x[0].is_nan()).map(|(i, _)| (t, i)));
-        }
-        other.missing_starts.push(other.missing.len());
+        other.list_missing();
         other
+    }
+
+    /// Lists what is not seen, frame by frame.
+    fn list_missing(&mut self) {
+        self.missing.clear();
+        self.missing_starts.clear();
+        for frame in 0..self.frames() {
+            self.missing_starts.push(self.missing.len());
+            for column in 0..self.markers() {
+                if !self.observed(frame, column) {
+                    self.missing.push((frame, column));
+                }
+            }
+        }
+        self.missing_starts.push(self.missing.len());
     }
 
     /// Number of frames.
     pub fn frames(&self) -> usize {
-        self.frames
+        self.take.frames()
     }
 
     /// Number of markers that take part.
@@ -122,13 +130,16 @@ impl Problem {
 
     /// The position in mm, `None` if the sample is missing.
     pub fn position_mm(&self, frame: usize, column: usize) -> Option<[f64; 3]> {
-        let p = self.positions_mm[frame * self.columns.len() + column];
-        if p[0].is_nan() { None } else { Some(p) }
+        if self.is_hidden(frame, column) { None } else { self.take.position_mm(frame, self.columns[column]) }
     }
 
     /// True if the sample was seen.
     pub fn observed(&self, frame: usize, column: usize) -> bool {
-        !self.positions_mm[frame * self.columns.len() + column][0].is_nan()
+        !self.is_hidden(frame, column) && self.take.origin(frame, self.columns[column]) != Origin::Missing
+    }
+
+    fn is_hidden(&self, frame: usize, column: usize) -> bool {
+        !self.hidden.is_empty() && self.hidden[frame * self.markers() + column]
     }
 
     /// The part of [`Problem::missing`] that belongs to `frame`, as a range of indices.
