@@ -54,7 +54,7 @@ fn same(what: &str, found: u64, expected: u64) -> Result<(), LogError> {
 }
 
 /// Reads the summary through the footer, as viewers do.
-fn read_summary(file: &mut File) -> Result<Option<Summary>, LogError> {
+pub(super) fn read_summary(file: &mut File) -> Result<Option<Summary>, LogError> {
     let mut reader = SummaryReader::new_with_options(SummaryReaderOptions::default().with_file_size(file.metadata()?.len()));
     while let Some(event) = reader.next_event() {
         match event? {
