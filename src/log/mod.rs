@@ -44,5 +44,3 @@ pub use mcap::{About, Attachment, Closing, Ended, LogError, McapLog, Up, Written
 pub use metadata::METADATA;
 pub use read::{LogReadError, attachment, extract_layout, is_unfinished};
 pub use terminal::Terminal;
-
-use frames::Look;
