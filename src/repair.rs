@@ -150,7 +150,10 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
     if !request.dry_run {
         request.names().check()?;
     }
+    let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    watch.phase(&format!("reading {}", name(&request.input)));
     let opened = open(&request.input, &request.reading)?;
+    watch.phase("looking for gaps and bones");
     let before = opened.document.take();
     let found = gaps(before);
     let (bones, stated_bones) = chosen_bones(request, before)?;
@@ -164,9 +167,15 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         let problem = Problem::new(before, &neighbours(before), &bones);
         let mut log = start_log(request, &opened, &bones, &mut report);
         if decisions.iter().any(Result::is_ok) && problem.markers() > 0 {
-            let limits =
-                Limits { steps: request.iterations, tolerance: request.tolerance, interrupt: Some(interrupt), ..Limits::default() };
-            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, watch));
+            let meter = watch.meter();
+            let limits = Limits {
+                steps: request.iterations,
+                tolerance: request.tolerance,
+                interrupt: Some(interrupt),
+                meter: meter.as_deref(),
+                ..Limits::default()
+            };
+            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, &mut *watch));
             if interrupt.load(Ordering::Relaxed) {
                 return Err(RepairError::Interrupted { path: request.input.clone() });
             }
@@ -184,7 +193,8 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
         report.attach_explanations(&found);
         drop(problem); // as large as the take, and of no more use
-        return write_out(request, opened, repaired, &bones, log, report);
+        watch.phase(&format!("writing and checking {}", name(&request.output)));
+        return write_out(request, opened, repaired, &bones, log, report, watch);
     }
     report.notes = opened.notes.take();
     Ok(report)
@@ -299,6 +309,7 @@ fn write_out(
     bones: &[Bone],
     log: Option<McapLog>,
     mut report: Report,
+    watch: &mut dyn Observer,
 ) -> Result<Report, RepairError> {
     let target = &request.output;
     let way = output::way(&request.input, opened.format, target);
@@ -318,6 +329,7 @@ fn write_out(
         placed.keep(path).and_then(|()| staging::publish(table, path)).map_err(|e| unwritable(path, &e))?;
     }
     if let (Some(log), Some(path)) = (log, &request.log) {
+        watch.phase("writing the log");
         let closing = Closing { results: report.results(), attachments: report.attachments() };
         placed.keep(path).map_err(|e| unwritable(path, &e))?;
         match log.finish(&closing) {

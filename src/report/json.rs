@@ -1,7 +1,6 @@
 //! What a repair did, for scripts: one JSON document per line.
 
 use super::{BoneJudgement, GapReport, Report, StageReport};
-use formats::Note;
 use serde::Serialize;
 use std::path::PathBuf;
 
