@@ -11,6 +11,7 @@
 //! - [`fills`], [`report`], [`explain`], [`inspect`]: what is told afterwards, or beforehand
 //! - [`staging`], [`verify`]: files appear whole or not at all, and only after they were proven
 //! - [`demo`]: a synthetic take to try it on
+//! - [`typeset`]: how wide and in which colours text is set
 //! - [`cli`]: what was typed
 
 pub mod bones;
@@ -32,4 +33,5 @@ pub mod repair;
 pub mod report;
 pub mod solve;
 pub mod staging;
+pub mod typeset;
 pub mod verify;

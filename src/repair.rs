@@ -71,7 +71,10 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
     if !request.dry_run {
         request.names().check()?;
     }
+    let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    watch.phase(&format!("reading {}", name(&request.input)));
     let opened = open(&request.input, &request.reading)?;
+    watch.phase("looking for gaps and bones");
     let before = opened.document.take();
     let found = gaps(before);
     let (bones, stated_bones) = chosen_bones(request, before)?;
@@ -85,9 +88,15 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         let problem = Problem::new(before, &neighbours(before), &bones);
         let mut log = start_log(request, &opened, &bones, up(before, &problem), &mut report);
         if decisions.iter().any(Result::is_ok) && problem.markers() > 0 {
-            let limits =
-                Limits { steps: request.iterations, tolerance: request.tolerance, interrupt: Some(interrupt), ..Limits::default() };
-            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, watch));
+            let meter = watch.meter();
+            let limits = Limits {
+                steps: request.iterations,
+                tolerance: request.tolerance,
+                interrupt: Some(interrupt),
+                meter: meter.as_deref(),
+                ..Limits::default()
+            };
+            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, &mut *watch));
             if interrupt.load(Ordering::Relaxed) {
                 let log = log.and_then(|log| leave_log(log, before, &bones, request, Ended::Interrupted));
                 return Err(RepairError::Interrupted { path: request.input.clone(), log: Left(log) });
@@ -109,7 +118,8 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
         report.attach_explanations(&found);
         drop(problem); // as large as the take, and of no more use
-        return write_out(request, opened, repaired, &found, &bones, log, report);
+        watch.phase(&format!("writing and checking {}", name(&request.output)));
+        return write_out(request, opened, repaired, Found { gaps: &found, bones: &bones }, log, report, watch);
     }
     report.notes = opened.notes.take();
     Ok(report)
@@ -238,15 +248,22 @@ fn start_log(request: &Request, opened: &Opened, bones: &[Bone], up: Up, report:
     }
 }
 
+/// What was found in a take.
+#[derive(Clone, Copy)]
+struct Found<'a> {
+    gaps: &'a [Gap],
+    bones: &'a [Bone],
+}
+
 /// Writes the output, proves it, and puts everything in place: the table and the log first, the output last.
 fn write_out(
     request: &Request,
     opened: Opened,
     mut repaired: Take,
-    gaps: &[Gap],
-    bones: &[Bone],
+    Found { gaps, bones }: Found<'_>,
     log: Option<McapLog>,
     mut report: Report,
+    watch: &mut dyn Observer,
 ) -> Result<Report, RepairError> {
     let target = &request.output;
     let before = opened.document.take().clone(); // shares its positions
@@ -268,6 +285,7 @@ fn write_out(
         placed.keep(path).and_then(|()| staging::publish(table, path)).map_err(|e| unwritable(path, &e))?;
     }
     if let (Some(log), Some(path)) = (log, &request.log) {
+        watch.phase("writing the log");
         let mut events = log::of_gaps(gaps, &report.gaps);
         events.extend(report.notes.iter().map(|note| Event::note(note.matters(), note.to_string())));
         let closing = Closing {

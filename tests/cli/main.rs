@@ -7,6 +7,7 @@
 //! - `options`: what each option changes in the files
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
 //! - `interruptions`: runs that are killed
+//! - `terminal`: width, colours and characters of what is told
 //! - `readme`: the commands of the README
 //!
 //! How good the filled samples are is measured elsewhere, on the library.
@@ -21,3 +22,4 @@ mod options;
 mod readme;
 mod refusals;
 mod repairing;
+mod terminal;
