@@ -5,6 +5,7 @@ use crate::gaps::{Open, Policy, gaps};
 use crate::input::{Opened, Reading, hex, open, read};
 use crate::log::{About, Closing, LogError, McapLog};
 use crate::missing::MissingError;
+use crate::page;
 use crate::output::{self, Names, Written, original_name, unwritable};
 use crate::report::{GapReport, Report, StageReport};
 use crate::solve::auto::Stiffness;
@@ -14,6 +15,7 @@ use crate::verify::Broken;
 use crate::{compression, fills, staging};
 use formats::{DetectError, FormatError, Role, Take};
 use sha2::{Digest, Sha256};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -31,6 +33,8 @@ pub struct Request {
     pub log: Option<PathBuf>,
     /// The table of filled samples to write, if any.
     pub fills: Option<PathBuf>,
+    /// The report to look at, if any.
+    pub page: Option<PathBuf>,
     /// A file of bones that overrules those found.
     pub bones: Option<PathBuf>,
     /// Replace files that exist.
@@ -163,10 +167,11 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         let mut repaired = before.clone();
         let problem = Problem::new(before, &neighbours(before), &bones);
         let mut log = start_log(request, &opened, &bones, &mut report);
+        let mut curves = request.page.is_some().then(page::Curves::default);
         if decisions.iter().any(Result::is_ok) && problem.markers() > 0 {
             let limits =
                 Limits { steps: request.iterations, tolerance: request.tolerance, interrupt: Some(interrupt), ..Limits::default() };
-            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, watch));
+            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, (&mut curves, watch)));
             if interrupt.load(Ordering::Relaxed) {
                 return Err(RepairError::Interrupted { path: request.input.clone() });
             }
@@ -184,7 +189,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
         report.attach_explanations(&found);
         drop(problem); // as large as the take, and of no more use
-        return write_out(request, opened, repaired, &bones, log, report);
+        return write_out(request, opened, repaired, &bones, log, curves, report);
     }
     report.notes = opened.notes.take();
     Ok(report)
@@ -298,17 +303,20 @@ fn write_out(
     mut repaired: Take,
     bones: &[Bone],
     log: Option<McapLog>,
+    curves: Option<page::Curves>,
     mut report: Report,
 ) -> Result<Report, RepairError> {
     let target = &request.output;
     let way = output::way(&request.input, opened.format, target);
     // what replaces a compressed file is compressed, whatever its name
     let compressed = compression::is_named(target) || (request.in_place && opened.compressed);
+    let before = curves.is_some().then(|| opened.document.take().clone()); // shares its positions
     let Written { file, notes, sha256, elsewhere } = output::write(way, opened, &repaired, compressed, target)?;
     if let Some(written) = elsewhere {
         repaired = fills::as_written(&mut report.samples, repaired, &written);
     }
     report.judge_bones(bones, &repaired, request.hard());
+    report.notes = notes.take();
 
     // From here on everything is written; what remains are names.
     let mut placed = staging::Placed::default();
@@ -316,6 +324,18 @@ fn write_out(
         let mut table = staging::beside(path).map_err(|e| unwritable(path, &e))?;
         fills::write(&report.samples, &repaired, request.method, &mut table).map_err(|e| unwritable(path, &e))?;
         placed.keep(path).and_then(|()| staging::publish(table, path)).map_err(|e| unwritable(path, &e))?;
+    }
+    if let (Some(path), Some(before), Some(curves)) = (&request.page, &before, &curves) {
+        let repaired = page::Repaired { request, sha256: &sha256, before, after: &repaired, bones, report: &report, curves };
+        let text = page::Page::of_repair(&repaired).map_err(io::Error::other).map(|page| page.write());
+        let written = text.and_then(|text| {
+            let mut file = staging::beside(path)?;
+            file.write_all(text.as_bytes())?;
+            placed.keep(path)?;
+            staging::publish(file, path)
+        });
+        written.map_err(|e| unwritable(path, &e))?;
+        report.page = Some(path.clone());
     }
     if let (Some(log), Some(path)) = (log, &request.log) {
         let closing = Closing { results: report.results(), attachments: report.attachments() };
@@ -336,7 +356,6 @@ fn write_out(
     staging::publish(file, target).map_err(|e| unwritable(target, &e))?;
     placed.done();
     report.output = Some(target.clone());
-    report.notes = notes.take();
     Ok(report)
 }
 
@@ -359,7 +378,7 @@ fn keep_original(input: &Path, kept: &Path, sha256: &str) -> Result<(), RepairEr
 impl Request {
     /// The files to write.
     fn names(&self) -> Names<'_> {
-        let beside = self.log.as_deref().into_iter().chain(self.fills.as_deref()).collect();
+        let beside = [&self.log, &self.fills, &self.page].into_iter().filter_map(|path| path.as_deref()).collect();
         Names { input: &self.input, output: &self.output, beside, in_place: self.in_place, force: self.force }
     }
 

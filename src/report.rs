@@ -147,6 +147,8 @@ pub struct Report {
     pub log_error: Option<String>,
     /// The table of filled samples.
     pub fills: Option<PathBuf>,
+    /// The report to look at.
+    pub page: Option<PathBuf>,
     /// Name of the input's format.
     pub format: &'static str,
     /// Frames per second.
@@ -187,6 +189,7 @@ impl Report {
             log: None,
             log_error: None,
             fills: request.fills.clone().filter(|_| !request.dry_run),
+            page: None,
             format: opened.format.info().name,
             rate_hz: take.rate_hz,
             frames: take.frames(),
@@ -296,6 +299,8 @@ impl Report {
                 log: Option<String>,
                 log_error: Option<&'a str>,
                 fills: Option<String>,
+                #[serde(skip_serializing_if = "Option::is_none")]
+                report: Option<String>,
                 dry_run: bool,
                 format: &'a str,
                 rate_hz: f64,
@@ -324,6 +329,7 @@ impl Report {
             log: path(&self.log),
             log_error: self.log_error.as_deref(),
             fills: path(&self.fills),
+            report: path(&self.page),
             dry_run: self.dry_run,
             format: self.format,
             rate_hz: self.rate_hz,
@@ -424,6 +430,9 @@ impl Report {
         }
         if let Some(fills) = &self.fills {
             line("fills", fills.display().to_string());
+        }
+        if let Some(page) = &self.page {
+            line("report", page.display().to_string());
         }
         if let Some(error) = &self.log_error {
             line("no log", error.clone());

@@ -253,6 +253,9 @@ pub(super) struct RepairArgs {
     /// Write one row per filled sample
     #[arg(long, value_name = "FILE.csv")]
     pub fills: Option<PathBuf>,
+    /// Write a report to look at: one HTML file with player, gap map and curves, for any browser
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
     /// Write the log here [default: the output's name with .mcap]
     #[arg(long, value_name = "FILE.mcap", conflicts_with = "no_log")]
     pub log: Option<PathBuf>,
@@ -360,6 +363,7 @@ impl RepairArgs {
             in_place: self.in_place,
             log,
             fills: self.fills.clone(),
+            page: self.report.clone(),
             bones: self.bones.iter().rev().find_map(|b| if let BonesArg::File(path) = b { Some(path.clone()) } else { None }),
             force: self.force,
             dry_run: self.dry_run,
