@@ -9,7 +9,7 @@ function bonePlots({ take, bones }) {
   }
   const order = bones.slice().sort((a, b) => b.worst - a.worst || b.touched - a.touched || a.index - b.index);
   const touched = order.some((b) => b.touched > 0);
-  const chosen = new Set(order.slice(0, FIRST_BONES).map((b) => b.index));
+  const chosen = new Set(order.filter((b) => b.touched > 0 || !touched).slice(0, FIRST_BONES).map((b) => b.index));
   const holder = el("div", { className: "bone-plots" });
   const open = new Map();
 
@@ -32,7 +32,7 @@ function bonePlots({ take, bones }) {
       label: `Length of ${boneName(take, bone)} over time: expected ${mm(bone.length_mm)}, worst error in filled frames ${mm(judged.worst)}`,
       options: () => ({
         height: 104,
-        padding: [6, 8, 0, 0],
+        padding: [6, 16, 0, 0],
         cursor: { sync: { key: "bones" }, points: { show: false }, y: false, drag: { x: false, y: false } },
         scales: {
           x: { time: false, range: () => [take.label(-0.5), take.label(take.frames - 0.5)] },

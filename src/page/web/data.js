@@ -36,6 +36,13 @@ async function load() {
   return { model, take: unpackTake(model, await inflate("positions")) };
 }
 
+/** The subject's name with its colon, if every label begins with it and goes on. */
+function sharedPrefix(labels) {
+  const colon = labels.length > 0 ? labels[0].lastIndexOf(":") : -1;
+  const prefix = labels.length > 0 ? labels[0].slice(0, colon + 1) : "";
+  return labels.every((label) => label.startsWith(prefix) && label.length > prefix.length) ? prefix : "";
+}
+
 function unpackTake(model, bytes) {
   const streams = {};
   let from = 0;
@@ -43,7 +50,9 @@ function unpackTake(model, bytes) {
     streams[name] = reader(bytes.subarray(from, from + length));
     from += length;
   }
-  const { markers, frames, first_frame: first, frame_step: step } = model.take;
+  const { frames, first_frame: first, frame_step: step } = model.take;
+  const prefix = sharedPrefix(model.take.markers);
+  const markers = model.take.markers.map((label) => label.slice(prefix.length));
   const shown = [];
   for (let frame = -1; streams.frames.more; ) shown.push((frame += streams.frames.next()));
 
@@ -96,6 +105,7 @@ function unpackTake(model, bytes) {
   return {
     frames,
     markers,
+    prefix,
     bones: model.take.bones,
     rate: model.take.rate_hz,
     shown,

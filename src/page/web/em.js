@@ -12,8 +12,8 @@ function solver({ model, take }) {
   }
   const parts = stages.map((stage, number) => {
     const curve = model.curves.find((c) => c.stage === number);
-    const ended = `${stage.method}: ${stopWords(stage.stop)} after ${counted(stage.iterations, "iteration")}`;
-    const heading = el("h3", { className: "stage-title" }, stages.length > 1 ? `${number + 1}. ${ended}` : ended.charAt(0).toUpperCase() + ended.slice(1));
+    const ended = `${stage.method}: ${counted(stage.iterations, "iteration")}, ${stopWords(stage.stop)}`;
+    const heading = el("h3", { className: "stage-title" }, stages.length > 1 ? `${number + 1}. ${ended}` : ended);
     if (!curve) return el("div", { className: "em-stage" }, heading, el("p", { className: "help" }, "This method has no likelihood, so there is no curve of it."));
     return el("div", { className: "em-stage" }, heading, el("div", { className: "em-plots" }, curvePlots(curve, model, take)));
   });
@@ -65,7 +65,14 @@ function simplePlot(title, steps, curves, take, colours, key) {
     options: () => ({
       height: 170,
       padding: [8, 10, 0, 0],
-      scales: { x: { time: false, range: () => [0, Math.max(1, steps.length - 1)] } },
+      scales: {
+        x: { time: false, range: () => [0, Math.max(1, steps.length - 1)] },
+        y: { range: (_, low, high) => {
+          if (low === null) return [0, 1];
+          const room = Math.max(0.06 * (high - low), 0.001 * Math.abs(high), 1e-3);
+          return [low - room, high + room];
+        } },
+      },
       axes: [axis({ size: 28, space: 40, incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000], values: (_, at) => at.map(String) }), axis({ size: 62, space: 30, values: (_, at) => at.map(compact) })],
       series: [{}, ...curves.map((_, k) => ({ stroke: colours.length === 1 ? colour("measured") : colours[k], width: 1.8, points: { show: steps.length < 3 } }))],
     }),

@@ -5,16 +5,17 @@ const PAGE_ROWS = 12;
 function gapTable({ model, take, gaps }) {
   if (gaps.length === 0) return null;
   const sigmaKnown = gaps.some((g) => g.sigma_mm != null);
-  const explained = gaps.some((g) => g.explanation?.length) || gaps.some((g) => g.open);
+  const explained = gaps.some((g) => g.explanation?.length);
+  const open = gaps.some((g) => g.open);
   const name = (g) => take.markers[g.marker];
   const columns = [
     { title: "Marker", by: (a, b) => name(a).localeCompare(name(b)) || a.start - b.start },
     { title: "First", number: true, by: (a, b) => a.start - b.start },
-    { title: "Last", number: true, by: (a, b) => a.start + a.frames - (b.start + b.frames) },
+    { title: "Last", number: true, wide: true, by: (a, b) => a.start + a.frames - (b.start + b.frames) },
     { title: "Frames", number: true, by: (a, b) => a.frames - b.frames, down: true },
     { title: "Seconds", number: true, wide: true, by: (a, b) => a.frames - b.frames, down: true },
     sigmaKnown && { title: "Worst σ", number: true, by: (a, b) => (a.sigma_mm ?? -1) - (b.sigma_mm ?? -1), down: true },
-    explained && { title: "How", wide: true, by: (a, b) => how(a).localeCompare(how(b)) },
+    (explained || open) && { title: explained ? "How" : "Why open", wide: true, by: (a, b) => how(a).localeCompare(how(b)) },
   ].filter(Boolean);
   let sorted = sigmaKnown ? 5 : 3, down = true, shown = PAGE_ROWS;
   const body = el("tbody");
@@ -29,8 +30,8 @@ function gapTable({ model, take, gaps }) {
     return [column.number && "number", column.wide && "wide"].filter(Boolean).join(" ");
   }
   function how(gap) {
-    if (gap.open) return `left open: ${reason(gap.open)}`;
-    return explain(gap.explanation?.[0]) + (gap.explanation?.length > 1 ? ` (and ${gap.explanation.length - 1} more stretches)` : "");
+    if (gap.open) return explained ? `left open: ${reason(gap.open)}` : reason(gap.open);
+    return explain(take, gap.explanation?.[0]) + (gap.explanation?.length > 1 ? ` (and ${gap.explanation.length - 1} more stretches)` : "");
   }
   function row(gap) {
     const cells = [
@@ -40,7 +41,7 @@ function gapTable({ model, take, gaps }) {
       whole(gap.frames),
       seconds(gap.frames / take.rate),
       sigmaKnown && (gap.sigma_mm == null ? "–" : mm(gap.sigma_mm)),
-      explained && how(gap),
+      (explained || open) && how(gap),
     ].filter((cell) => cell !== false);
     const line = el("tr", { "aria-current": gap.index === state.gap ? "true" : null }, cells.map((cell, at) => el("td", { className: kind(columns[at]) }, cell)));
     line.dataset.gap = gap.index;

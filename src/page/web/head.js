@@ -49,8 +49,9 @@ function head({ model, take, gaps, bones }) {
     counted(about.markers.length, "marker"),
     `${counted(about.frames, "frame")} at ${short(about.rate_hz)} Hz`,
     seconds(about.frames / about.rate_hz),
+    take.prefix ? `subject ${take.prefix.slice(0, -1)}` : null,
     about.up ? `${about.up.replace("+", "")} up` : null,
-    `repaired by ${model.method}`,
+    gaps.length > 0 ? `repaired by ${model.method}` : null,
   ];
   const longest = gaps.reduce((best, gap) => (!best || gap.frames > best.frames ? gap : best), null);
   const open = gaps.filter((gap) => gap.open);
@@ -63,17 +64,17 @@ function head({ model, take, gaps, bones }) {
     tile("Gaps", whole(gaps.length), "", gaps.length ? `in ${counted(new Set(gaps.map((g) => g.marker)).size, "marker")}` : "nothing is missing"),
     tile("Missing", percent(samples ? summary.samples_missing / samples : 0).replace(" %", ""), "%", `${whole(summary.samples_missing)} of ${whole(samples)} samples`),
     longest
-      ? tile("Longest gap", seconds(longest.frames / about.rate_hz).replace(" s", ""), "s", `${about.markers[longest.marker]}, ${counted(longest.frames, "frame")}`, () => selectGap(take, gaps, longest.index))
+      ? tile("Longest gap", seconds(longest.frames / about.rate_hz).replace(" s", ""), "s", `${take.markers[longest.marker]}, ${counted(longest.frames, "frame")}`, () => selectGap(take, gaps, longest.index))
       : tile("Longest gap", "–", "", ""),
     open.length
       ? tile("Left open", whole(open.length), "", reasonsOf(open), () => selectGap(take, gaps, open[0].index), "warn")
       : tile("Left open", "0", "", gaps.length ? "every gap is filled" : ""),
     sigma
-      ? tile("Worst uncertainty", `±${mm(sigma.sigma, false)}`, "mm", `${about.markers[sigma.marker]}, ${frameText(sigma.frame)}`, () => {
+      ? tile("Worst uncertainty, σ", mm(sigma.sigma, false), "mm", `${take.markers[sigma.marker]}, ${frameText(sigma.frame)}`, () => {
           const gap = gaps.find((g) => g.marker === sigma.marker && g.start <= sigma.frame && sigma.frame < g.start + g.frames);
           jump(take, sigma.frame, { marker: sigma.marker, gap: gap ? gap.index : state.gap });
         })
-      : tile("Worst uncertainty", "–", "", summary.samples_filled ? "this method cannot say" : "nothing was filled"),
+      : tile("Worst uncertainty, σ", "–", "", summary.samples_filled ? "this method cannot say" : "nothing was filled"),
     bone
       ? tile("Worst bone error", mm(bone.worst, false), "mm", `${boneName(take, bone.bone)}, ${frameText(bone.frame)}`, () => jump(take, bone.frame, { bone: bone.index }))
       : judged
@@ -108,7 +109,7 @@ function reasonsOf(open) {
 function notes(model, take, judged) {
   const lines = [];
   for (const stage of model.summary.stages.slice(-1)) {
-    if (stage.stop !== "converged") lines.push([true, `${stage.method} ${stopWords(stage.stop)} (${counted(stage.iterations, "iteration")}).`]);
+    if (stage.stop !== "converged") lines.push([true, `${stage.method} ${stopWords(stage.stop)} after ${counted(stage.iterations, "iteration")}, before it converged.`]);
   }
   for (const note of model.notes) lines.push([note.matters, sentence(note.text)]);
   if (take.thinned) {

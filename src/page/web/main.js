@@ -9,12 +9,9 @@ function themes() {
   } catch {
     // a file may not be allowed to remember anything
   }
-  const show = () => (document.documentElement.dataset.theme = state.print ? "light" : state.theme);
   state.theme = chosen === "dark" || chosen === "light" ? chosen : system.matches ? "dark" : "light";
-  show();
+  dress();
   system.addEventListener("change", () => chosen || set({ theme: system.matches ? "dark" : "light" }));
-  // the first to hear of it, so that whoever draws asks for the new colours
-  listen("theme print", show);
   listen("theme", () => {
     chosen = state.theme;
     try {
@@ -55,12 +52,10 @@ async function start() {
   main.setAttribute("aria-busy", "false");
   main.dataset.player = play.kind;
   window.addEventListener("beforeprint", () => {
-    document.documentElement.classList.add("paper");
     set({ print: true, playing: false });
     play.freeze(true);
   });
   window.addEventListener("afterprint", () => {
-    document.documentElement.classList.remove("paper");
     play.freeze(false);
     set({ print: false });
   });

@@ -81,15 +81,15 @@ function gapMap({ model, take, gaps, scale }) {
         ctx.restore();
         continue;
       }
-      // one colour for each pixel: its least sure frame
-      const pixels = Math.max(1, Math.round(width));
+      // one colour for each column of pixels: its least sure frame
+      const first = Math.round(x), pixels = Math.max(1, Math.round(x + width) - first);
       let from = 0, tint = null;
       for (let k = 0; k <= pixels; k++) {
         const next = k < pixels ? tintOf(gap, k / pixels, (k + 1) / pixels) : null;
         if (next === tint) continue;
         if (tint) {
           ctx.fillStyle = tint;
-          ctx.fillRect(x + (from / pixels) * width, y, ((k - from) / pixels) * width + 0.3, tall);
+          ctx.fillRect(first + from, y, k - from, tall);
         }
         [from, tint] = [k, next];
       }
@@ -112,14 +112,14 @@ function gapMap({ model, take, gaps, scale }) {
     ctx.restore();
   }
   const tints = new Map();
-  listen("theme print", () => tints.clear());
   function tintOf(gap, a, b) {
     let most = -1;
     const from = gap.start + Math.floor(a * gap.frames), to = gap.start + Math.max(Math.floor(a * gap.frames) + 1, Math.ceil(b * gap.frames));
     for (let frame = from; frame < to; frame++) most = Math.max(most, take.sigma[take.at(gap.marker, frame)] || -1);
     const step = most < 0 ? 20 : Math.round(40 * scale.at(most));
-    if (!tints.has(step)) tints.set(step, ramp(step / 40));
-    return tints.get(step);
+    const key = 2 * step + (document.documentElement.dataset.theme === "dark" ? 1 : 0);
+    if (!tints.has(key)) tints.set(key, ramp(step / 40));
+    return tints.get(key);
   }
 
   const made = chart(host, {
@@ -128,7 +128,7 @@ function gapMap({ model, take, gaps, scale }) {
     label: `Gap map: ${counted(gaps.length, "gap")} of ${counted(rows.length, "marker")} over ${counted(take.frames, "frame")}; the table below lists them`,
     options: (width) => ({
       height: rows.length * rowHeight + 40,
-      padding: [4, 8, 0, 0],
+      padding: [4, 16, 0, 0],
       scales: {
         x: { time: false, range: () => [take.label(-0.5), take.label(take.frames - 0.5)] },
         y: { dir: -1, range: () => [-0.6, rows.length - 0.4] },
@@ -176,7 +176,7 @@ function gapMap({ model, take, gaps, scale }) {
   });
   function describe(gap) {
     const span = gap.frames > 1 ? `${take.label(gap.start)} – ${take.label(gap.start + gap.frames - 1)}` : String(take.label(gap.start));
-    const what = gap.open ? `left open: ${reason(gap.open)}` : gap.sigma_mm == null ? "filled" : `filled, worst ±${mm(gap.sigma_mm)}`;
+    const what = gap.open ? `left open: ${reason(gap.open)}` : gap.sigma_mm == null ? "filled" : `filled, worst σ ${mm(gap.sigma_mm)}`;
     return `${take.markers[gap.marker]}, ${span} (${counted(gap.frames, "frame")}), ${what}`;
   }
   listen("gap", () => {
@@ -217,7 +217,7 @@ function gapMap({ model, take, gaps, scale }) {
   return section("map", "Gaps", "Click one to go there.",
     el("div", { className: "map-holder" }, host, tip), live,
     el("div", { className: "legend-row" },
-      filled && scale.known && el("span", { className: "ramp-legend" }, el("span", {}, `±${mm(scale.low)}`), el("span", { className: "ramp", role: "img", "aria-label": "colours from sure to unsure" }), el("span", {}, `±${mm(scale.high)}`)),
+      filled && scale.known && el("span", { className: "ramp-legend" }, el("span", {}, `σ ${mm(scale.low)}`), el("span", { className: "ramp", role: "img", "aria-label": "colours from sure to unsure" }), el("span", {}, mm(scale.high))),
       legend(filled && !scale.known && ["sigma-none", "filled"], open && ["hatch", "left open"], model.suspects.length > 0 && ["suspect-box", "suspicious"]),
       rest && el("span", { className: "help" }, rest)),
     gapTable({ model, take, gaps }));

@@ -8,7 +8,7 @@ function origin({ model }) {
     ["Method", model.method],
     ["Seed", model.seed],
   ].filter(([, value]) => value);
-  const list = (entries) => el("dl", { className: "facts-list" }, entries.map(([name, value]) => [el("dt", {}, name), el("dd", {}, value)]));
+  const list = (entries) => el("dl", { className: "facts-list" }, entries.map(([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value))));
   const options = Object.entries(model.options).map(([name, value]) => [name.replaceAll("_", " "), value]);
   return section("origin", "Where this comes from", null,
     list(pairs),

@@ -43,10 +43,9 @@ function toggle(text, title, on, change) {
 }
 
 function player({ model, take, gaps }) {
-  const up = model.take.up || "+z";
-  const turn = turnFor(up);
-  const view = new View(take, turn);
-  const figure = new Figure(take, turn, view.floor);
+  const up = model.take.up || guessUp(take);
+  const view = new View(take, turnFor(up));
+  const figure = new Figure(take, view.turn, view.floor);
   const show = { sigma: true, raw: false, labels: true, floor: true };
   const canvas = el("canvas", { className: "picture" });
   const over = el("canvas", { className: "labels", "aria-hidden": "true" });
@@ -217,7 +216,7 @@ function player({ model, take, gaps }) {
   function tell() {
     scrub.value = state.frame;
     scrub.setAttribute("aria-valuetext", `frame ${take.label(state.frame)}, ${seconds(take.seconds(state.frame))}`);
-    readout.textContent = `${take.label(state.frame)} · ${clock(take.seconds(state.frame))}`;
+    readout.textContent = `Frame ${take.label(state.frame)} · ${clock(take.seconds(state.frame))}`;
   }
   listen("frame", tell);
   listen("frame marker gap", redraw);
@@ -229,11 +228,12 @@ function player({ model, take, gaps }) {
   name();
   tell();
 
+  const anyFilled = model.summary.samples_filled > 0;
   const toggles = {
     g: toggle("Floor", "Floor, 0.5 m a square", show.floor, (on) => ((show.floor = on), redraw())),
-    l: toggle("Labels", "Labels of filled markers", show.labels, (on) => ((show.labels = on), redraw())),
-    s: toggle("±2 σ", "Where filled markers may be: balls of ±2 σ", show.sigma, (on) => ((show.sigma = on), redraw())),
-    r: toggle("Raw", "What the file held, as a ghost", show.raw, (on) => ((show.raw = on), redraw())),
+    l: anyFilled && toggle("Labels", "Labels of filled markers", show.labels, (on) => ((show.labels = on), redraw())),
+    s: anyFilled && toggle("±2 σ", "Where filled markers may be: balls of ±2 σ", show.sigma, (on) => ((show.sigma = on), redraw())),
+    r: (anyFilled || take.raw.size > 0) && toggle("Raw", "What the file held, as a ghost", show.raw, (on) => ((show.raw = on), redraw())),
   };
   const strip = missingStrip(take);
   const help = keyHelp();
@@ -267,8 +267,16 @@ function player({ model, take, gaps }) {
     set({ speed: SPEEDS[Math.max(0, Math.min(SPEEDS.length - 1, at + by))] });
   }
 
-  const filled = model.summary.samples_filled > 0;
-  const node = section("player", "The take", model.take.up ? null : "The file does not say which axis points up; z is taken.",
+  const upright = !model.take.up && el("select", { "aria-label": "The axis that points up", title: "The file does not say which axis points up" },
+    ["+x", "+y", "+z", "-x", "-y", "-z"].map((axis) => el("option", { value: axis, selected: axis === up }, `${axis.replace("+", "").replace("-", "−")} up`)));
+  if (upright) {
+    upright.addEventListener("change", () => {
+      view.turnTo(turnFor(upright.value));
+      [figure.turn, figure.floor] = [view.turn, view.floor];
+      fit();
+    });
+  }
+  const node = section("player", "The take", null,
     stage, plain,
     el("div", { className: "transport controls" },
       el("div", { className: "scrubber" }, strip.node, scrub),
@@ -278,8 +286,8 @@ function player({ model, take, gaps }) {
         el("button", { type: "button", className: "button", "aria-label": "Next gap", title: "Next gap (N)", disabled: gaps.length === 0, onclick: () => step(1) }, icon("after")),
         speed, readout,
         el("button", { type: "button", className: "button ghost", "aria-label": "Keys", title: "Keys (?)", onclick: () => help.showModal() }, "?")),
-      el("div", { className: "row" }, Object.values(toggles), el("button", { type: "button", className: "button", title: "Fit the view and follow the body (F)", onclick: fit }, "Fit"))),
-    legend(["dot measured-dot", "measured"], filled && ["dot filled-dot", "filled"], filled && ["dot sigma-dot", "±2 σ"], take.raw.size > 0 && ["dot suspect-dot", "dropped"]),
+      el("div", { className: "row" }, Object.values(toggles), el("button", { type: "button", className: "button", title: "Fit the view and follow the body (F)", onclick: fit }, "Fit"), upright)),
+    legend(["dot measured-dot", "measured"], anyFilled && ["dot filled-dot", "filled"], anyFilled && ["dot sigma-dot", "±2 σ"], take.raw.size > 0 && ["dot suspect-dot", "dropped"]),
     help);
   return {
     node,

@@ -22,6 +22,13 @@ function set(changes) {
   for (const listener of tell) listener(state);
 }
 
+/** Paper is always light. The first to hear of it, so that whoever draws asks for the new colours. */
+const dress = () => {
+  document.documentElement.dataset.theme = state.print ? "light" : state.theme;
+  document.documentElement.classList.toggle("paper", state.print);
+};
+listen("theme print", dress);
+
 /** Puts the playhead somewhere, and stops it there. */
 function jump(take, frame, changes = {}) {
   set({ playing: false, ...changes, frame: Math.max(0, Math.min(take.frames - 1, Math.round(frame))) });

@@ -37,15 +37,15 @@ function tracks({ model, take, gaps }) {
     return { frames, series };
   }
 
-  const made = panes.map(({ host, axis }, k) =>
+  const made = panes.map(({ host, axis: name }, k) =>
     chart(host, {
       take,
       playhead: true,
       jumps: true,
-      label: `${axis} of the selected marker over time`,
+      label: `${name} of the selected marker over time`,
       options: () => ({
         height: k === 2 ? 146 : 120,
-        padding: [6, 8, 0, 0],
+        padding: [6, 16, 0, 0],
         cursor: { sync: { key: "gap" }, points: { show: false }, y: false, drag: { x: false, y: false } },
         scales: {
           x: { time: false, range: (_, low, high) => [low, high] },
@@ -96,7 +96,7 @@ function tracks({ model, take, gaps }) {
     facts.textContent = words.filter(Boolean).join(" · ");
     table = read();
     made.forEach((one) => one.build());
-    why.replaceChildren(...(gap.explanation || []).map((part) => stretch(part, gap.explanation.length > 1)));
+    why.replaceChildren(...(gap.explanation || []).map((part) => stretch(take, part, gap.explanation.length > 1)));
     if (!gap.open && gap.sigma_mm == null) why.append(el("p", { className: "help" }, `${model.method} does not say how sure it is, so there is no band.`));
     tell();
   }
@@ -107,7 +107,7 @@ function tracks({ model, take, gaps }) {
 }
 
 /** Why a stretch was filled as it was: experts by share, and who judged them. */
-function stretch(part, several) {
+function stretch(take, part, several) {
   const span = several ? `Frames ${part.first_frame} – ${part.last_frame}: ` : "";
   const judged = part.simulated_gaps > 0
     ? `expected error ${mm(part.predicted_mm)}, judged by ${counted(part.simulated_gaps, "simulated gap")} of ${counted(part.simulated_frames, "frame")}`
@@ -124,7 +124,7 @@ function stretch(part, several) {
   return el("div", { className: "stretch keep" },
     el("h3", {}, `${span}${span ? judged : judged.charAt(0).toUpperCase() + judged.slice(1)}`),
     el("ul", { className: "shares" }, bars),
-    part.neighbours.length > 0 && el("p", { className: "help" }, `Predicted from ${part.neighbours.join(", ")}.`));
+    part.neighbours.length > 0 && el("p", { className: "help" }, `Predicted from ${part.neighbours.map((label) => bare(take, label)).join(", ")}.`));
 }
 
 /** A colour of the page with an opacity. */

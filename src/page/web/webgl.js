@@ -21,7 +21,8 @@ in vec2 at; in vec4 tint; in float edge; out vec4 result;
 void main() {
   float cover = clamp(edge - length(at) + 0.5, 0.0, 1.0);
   if (cover <= 0.0) discard;
-  result = vec4(tint.rgb, tint.a * cover);
+  float a = tint.a * cover;
+  result = vec4(tint.rgb * a, a);
 }`;
 
 const LINE_SHADER = `#version 300 es
@@ -52,7 +53,8 @@ void main() {
   float cover = clamp(half_ - abs(across) + 0.5, 0.0, 1.0);
   if (reach > 0.0) cover *= smoothstep(reach, reach * 0.2, distance(ground.xz, middle.xz));
   if (cover <= 0.0) discard;
-  result = vec4(tint.rgb, tint.a * cover);
+  float a = tint.a * cover;
+  result = vec4(tint.rgb * a, a);
 }`;
 
 const BALL_SHADER = `#version 300 es
@@ -73,7 +75,8 @@ void main() {
   float r = length(at);
   if (r > 1.0) discard;
   float soft = 1.0 - smoothstep(1.0 - fwidth(r) * 1.5, 1.0, r);
-  result = vec4(tint.rgb, tint.a * (0.55 + 0.9 * r * r * r) * soft);
+  float a = tint.a * (0.55 + 0.9 * r * r * r) * soft;
+  result = vec4(tint.rgb * a, a);
 }`;
 
 /** A renderer, or null where there is no WebGL 2. */

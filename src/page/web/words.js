@@ -9,7 +9,7 @@ function el(tag, properties = {}, ...children) {
     else if (name in element && !name.includes("-") && name !== "list") element[name] = value;
     else element.setAttribute(name, value === true ? "" : value);
   }
-  element.append(...children.flat().filter((child) => child !== undefined && child !== null && child !== false));
+  element.append(...children.flat(Infinity).filter((child) => child !== undefined && child !== null && child !== false));
   return element;
 }
 
@@ -68,19 +68,21 @@ const reason = (word) => REASONS[word] || String(word).replaceAll("-", " ");
 
 const STOPS = {
   converged: "converged",
-  "step-limit": "stopped at its limit before it converged",
-  interrupted: "was interrupted",
+  "step-limit": "stopped at its limit",
+  interrupted: "interrupted",
   failed: "failed",
 };
 const stopWords = (word) => STOPS[word] || String(word).replaceAll("-", " ");
 
 /** How a stretch of a gap was predicted, in one line. */
-function explain(part) {
+function explain(take, part) {
   if (!part) return "";
-  const best = part.experts[0];
-  const by = part.simulated_gaps > 0 ? `judged by ${counted(part.simulated_gaps, "simulated gap")}` : "not judged: too little was seen";
-  return best ? `${Math.round(100 * best.share)} % ${best.expert}, ${by}` : by;
+  const from = part.neighbours.length > 0 ? `from ${part.neighbours.slice(0, 3).map((label) => bare(take, label)).join(", ")}; ` : "";
+  return from + (part.simulated_gaps > 0 ? counted(part.simulated_gaps, "simulated gap") : "not judged");
 }
+
+/** A label without the prefix that all labels share. */
+const bare = (take, label) => (label.startsWith(take.prefix) ? label.slice(take.prefix.length) : label);
 
 function boneName(take, bone) {
   return `${take.markers[bone.a]} – ${take.markers[bone.b]}`;
