@@ -7,7 +7,9 @@
 use std::path::{Path, PathBuf};
 
 const ROOT: &str = "proto";
-const PACKAGE: &str = "mocap_repair";
+
+/// Our own messages, and those of Foxglove that viewers know how to draw.
+const PACKAGES: [&str; 2] = ["mocap_repair", "foxglove"];
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("cargo::rerun-if-changed={ROOT}");
@@ -15,10 +17,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let out = PathBuf::from(std::env::var_os("OUT_DIR").ok_or("OUT_DIR is not set; run this through cargo")?);
 
     let mut files = Vec::new();
-    for entry in std::fs::read_dir(Path::new(ROOT).join(PACKAGE))? {
-        let path = entry?.path();
-        if path.extension().is_some_and(|e| e == "proto") {
-            files.push(path);
+    for package in PACKAGES {
+        for entry in std::fs::read_dir(Path::new(ROOT).join(package))? {
+            let path = entry?.path();
+            if path.extension().is_some_and(|e| e == "proto") {
+                files.push(path);
+            }
         }
     }
     files.sort(); // the order in which a folder lists its files is nobody's promise

@@ -1,7 +1,6 @@
 //! Why gaps were filled as they were: for people, for scripts, and for the log.
 
-use crate::log::Attachment;
-use crate::report::{Report, count, lines};
+use crate::report::{Report, count};
 use crate::solve::auto::Explanation;
 use crate::solve::{Gap, Problem};
 use formats::Take;
@@ -77,18 +76,6 @@ impl Report {
             let own = self.parts[from..].iter().take_while(|p| p.marker == gap.marker && p.last_frame <= report.last_frame);
             report.explanation = own.cloned().collect();
         }
-    }
-
-    /// What goes into the log as files: every gap with its explanation.
-    pub fn attachments(&self) -> Vec<Attachment> {
-        if self.parts.is_empty() {
-            return Vec::new();
-        }
-        vec![Attachment {
-            name: "gaps.jsonl".to_owned(),
-            media_type: "application/jsonl".to_owned(),
-            bytes: lines(&self.gaps).into_bytes(),
-        }]
     }
 
     /// For people: why each gap was filled as it was.

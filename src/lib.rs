@@ -4,6 +4,7 @@
 //! Reading and writing files is the other crate, `formats`; [`solve`] is the mathematics and knows no files.
 //!
 //! - [`repair`]: open, decide, solve, fill, write, prove, rename
+//! - [`error`]: why something could not be done
 //! - [`gaps`], [`bones`]: what is missing and what is stiff
 //! - [`solve`]: problems, solvers, the loop, and its observers
 //! - [`log`]: observers that write: the MCAP log, the progress line
@@ -18,6 +19,7 @@ pub mod cli;
 mod compression;
 pub mod convert;
 pub mod demo;
+pub mod error;
 pub mod explain;
 pub mod fills;
 pub mod gaps;

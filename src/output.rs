@@ -2,6 +2,7 @@
 
 use crate::compression;
 use crate::input::{Opened, expand, plain};
+use crate::log;
 use crate::repair::RepairError;
 use crate::staging;
 use crate::verify::verify;
@@ -144,6 +145,15 @@ impl Names<'_> {
         if !self.in_place && staging::same_file(self.input, self.output) {
             return stop(self.output, "is the input itself; give another name, or repair with --in-place");
         }
+        self.check_beside()
+    }
+
+    /// The same for files whose extensions name no format of takes.
+    ///
+    /// # Errors
+    /// The first name that cannot be used, and why.
+    pub fn check_beside(&self) -> Result<(), RepairError> {
+        let stop = |path: &Path, problem: &str| Err(RepairError::Io { path: path.to_owned(), problem: problem.to_owned() });
         let mut names: Vec<&Path> = Vec::new();
         if !self.in_place {
             names.push(self.output);
@@ -169,8 +179,7 @@ impl Names<'_> {
             if name.exists() && !name.is_file() {
                 return stop(name, "is a device or a pipe, which a file cannot take the place of; give another name");
             }
-            // a link that leads nowhere is there as well
-            if (name.exists() || name.is_symlink()) && !self.force {
+            if staging::is_there(name) && !self.force && !log::is_unfinished(name) {
                 return stop(name, "exists already; give another name, or say --force to replace it");
             }
             if !staging::folder(name).is_dir() {

@@ -1,23 +1,25 @@
 //! The story of one take, from file to file. Read [`repair`] first.
 
-use crate::bones::{self, BonesError};
+use crate::bones;
+use crate::error::Left;
 use crate::gaps::{Open, Policy, gaps};
 use crate::input::{Opened, Reading, hex, open, read};
-use crate::log::{About, Closing, LogError, McapLog};
-use crate::missing::MissingError;
-use crate::page;
+use crate::log::{self, About, Attachment, Closing, Ended, Event, LogError, McapLog, Shown, Up};
 use crate::output::{self, Names, Written, original_name, unwritable};
+use crate::page::{Curves, Page};
 use crate::report::{GapReport, Report, StageReport};
 use crate::solve::auto::Stiffness;
+use crate::solve::body::guess_up;
 use crate::solve::lds::{EStep, Hidden, Init};
-use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Solved, Stop};
-use crate::verify::Broken;
+use crate::solve::{Bone, Gap, Limits, Method, Observer, Outcome, Problem, Settings, Solved, Stop};
 use crate::{compression, fills, staging};
-use formats::{DetectError, FormatError, Role, Take};
+use formats::{Direction, Role, Take};
 use sha2::{Digest, Sha256};
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+
+pub use crate::error::RepairError;
 
 /// What is wanted.
 #[derive(Clone, Debug)]
@@ -43,6 +45,10 @@ pub struct Request {
     pub dry_run: bool,
     /// Write computing times into the log.
     pub timings: bool,
+    /// The most frames per second on the topics of the log that are drawn in space; all if absent.
+    pub log_rate_hz: Option<f64>,
+    /// Put the input into the log.
+    pub log_source: bool,
     /// How to fill.
     pub method: Method,
     /// Settings of the method.
@@ -59,91 +65,6 @@ pub struct Request {
     pub markers: Vec<String>,
     /// What the user states about the file.
     pub reading: Reading,
-}
-
-/// Why a take could not be repaired. Every text begins with the file it is about.
-#[derive(Debug, thiserror::Error)]
-pub enum RepairError {
-    /// A file could not be read or written.
-    #[error("{path}: {problem}", path = .path.display())]
-    Io {
-        /// Which.
-        path: PathBuf,
-        /// What was found, what was expected, the way out.
-        problem: String,
-    },
-    /// The format is not known.
-    #[error("{path}: {error}", path = .path.display())]
-    Detect {
-        /// Which file.
-        path: PathBuf,
-        /// Why.
-        error: DetectError,
-    },
-    /// The content is not right, or cannot be written.
-    #[error("{path}: {error}", path = .path.display())]
-    Format {
-        /// Which file.
-        path: PathBuf,
-        /// Why.
-        error: FormatError,
-    },
-    /// The bones cannot be used.
-    #[error("{path}: {error}", path = .path.display())]
-    Bones {
-        /// Which file.
-        path: PathBuf,
-        /// Why.
-        error: BonesError,
-    },
-    /// The samples stated to be missing cannot be found.
-    #[error("{path}: {error}", path = .path.display())]
-    Missing {
-        /// The take.
-        path: PathBuf,
-        /// Why.
-        error: MissingError,
-    },
-    /// A take is to be turned, and nobody says from where.
-    #[error("{path}: does not say which axis points up, so it cannot be turned; say it with --from-up", path = .path.display())]
-    NoUp {
-        /// The take.
-        path: PathBuf,
-    },
-    /// A pattern fits no marker.
-    #[error("{path}: --markers {pattern} fits no marker; the take has {labels}", path = .path.display())]
-    NoSuchMarker {
-        /// The take.
-        path: PathBuf,
-        /// The pattern.
-        pattern: String,
-        /// What the take has.
-        labels: String,
-    },
-    /// The written file is not what it should be.
-    #[error("{path}: {error}", path = .path.display())]
-    Verify {
-        /// The output.
-        path: PathBuf,
-        /// What differs.
-        error: Broken,
-    },
-    /// The solver broke down.
-    #[error("{path}: {method} failed: {problem}; try --method spline, or fewer hidden dimensions with --hidden", path = .path.display())]
-    Solve {
-        /// The take.
-        path: PathBuf,
-        /// Which method.
-        method: &'static str,
-        /// What broke.
-        problem: String,
-    },
-    /// Somebody stopped it.
-    #[error("{path}: interrupted, nothing was written", path = .path.display())]
-    Interrupted {
-        /// The take.
-        path: PathBuf,
-    },
 }
 
 /// Repairs one take: the main job.
@@ -166,16 +87,21 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
     } else {
         let mut repaired = before.clone();
         let problem = Problem::new(before, &neighbours(before), &bones);
-        let mut log = start_log(request, &opened, &bones, &mut report);
-        let mut curves = request.page.is_some().then(page::Curves::default);
+        let about = about(request, &opened, &bones, up(before, &problem));
+        let mut log = start_log(request, about.clone(), &mut report);
+        let mut curves = request.page.is_some().then(Curves::default);
         if decisions.iter().any(Result::is_ok) && problem.markers() > 0 {
             let limits =
                 Limits { steps: request.iterations, tolerance: request.tolerance, interrupt: Some(interrupt), ..Limits::default() };
             let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, (&mut curves, watch)));
             if interrupt.load(Ordering::Relaxed) {
-                return Err(RepairError::Interrupted { path: request.input.clone() });
+                let log = log.and_then(|log| leave_log(log, before, &bones, request, Ended::Interrupted));
+                return Err(RepairError::Interrupted { path: request.input.clone(), log: Left(log) });
             }
-            accept(request, &solved)?;
+            if let Err(problem) = accept(&solved) {
+                let log = log.and_then(|log| leave_log(log, before, &bones, request, Ended::Failed));
+                return Err(RepairError::Solve { path: request.input.clone(), method: request.method.name(), problem, log: Left(log) });
+            }
             report.stages = solved.stages.iter().map(StageReport::new).collect();
             let estimate = &solved.estimate;
             report.samples = fills::fill(&mut repaired, &problem, estimate, &found, &mut decisions, request.policy.max_sigma_mm);
@@ -189,22 +115,33 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
         report.attach_explanations(&found);
         drop(problem); // as large as the take, and of no more use
-        return write_out(request, opened, repaired, &bones, log, curves, report);
+        return write_out(request, opened, repaired, &found, &bones, Watched { about, log, curves }, report);
     }
     report.notes = opened.notes.take();
     Ok(report)
 }
 
 /// A solver that broke down is an error; one that merely ran out of steps is not.
-fn accept(request: &Request, solved: &Solved) -> Result<(), RepairError> {
+fn accept(solved: &Solved) -> Result<(), String> {
     match solved.outcome() {
-        Some(Outcome { stop: Stop::Failed, error, .. }) => Err(RepairError::Solve {
-            path: request.input.clone(),
-            method: request.method.name(),
-            problem: error.as_ref().map_or_else(|| "no reason given".to_owned(), ToString::to_string),
-        }),
+        Some(Outcome { stop: Stop::Failed, error, .. }) => {
+            Err(error.as_ref().map_or_else(|| "no reason given".to_owned(), ToString::to_string))
+        }
         _ => Ok(()),
     }
+}
+
+/// Ends the log of a repair that came to nothing: it shows how far that came. What has its name already stays, unless it is such a log itself.
+fn leave_log(log: McapLog, take: &Take, bones: &[Bone], request: &Request, ended: Ended) -> Option<PathBuf> {
+    let path = log.path().to_owned();
+    if staging::is_there(&path) && !log::is_unfinished(&path) {
+        return None;
+    }
+    let shown = Shown { raw: take, repaired: None, bones, samples: &[], log_rate_hz: request.log_rate_hz };
+    let message = format!("the repair was {}, no take was written", ended.word());
+    let events = vec![Event { frame: 0, warning: true, name: request.method.name().to_owned(), message }];
+    // that there is no log either is no news to somebody who has just been told that there is no take
+    log.finish(&Closing { ended, shown: Some(shown), events, ..Closing::default() }).ok().map(|_| path)
 }
 
 /// Columns that take part in solving, and between which bones are looked for: all markers.
@@ -270,11 +207,19 @@ pub(crate) fn matches(pattern: &str, text: &str) -> bool {
     pattern[p..].iter().all(|&c| c == '*')
 }
 
-/// Begins the log. That the log cannot be written does not keep the take from being repaired: it is reported.
-fn start_log(request: &Request, opened: &Opened, bones: &[Bone], report: &mut Report) -> Option<McapLog> {
-    let path = request.log.as_ref()?;
+/// Which axis points up, for those who look at the take.
+fn up(take: &Take, problem: &Problem) -> Up {
+    match take.up {
+        Some(up) => Up::Stated(up),
+        None if problem.markers() < 3 => Up::Unknown,
+        None => Up::Guessed(Direction { axis: guess_up(problem), positive: true }),
+    }
+}
+
+/// What is known beforehand, for the log and the report to look at.
+fn about(request: &Request, opened: &Opened, bones: &[Bone], up: Up) -> About {
     let take = opened.document.take();
-    let about = About {
+    About {
         source_name: request.input.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
         source_sha256: opened.sha256.clone(),
         rate_hz: take.rate_hz,
@@ -282,11 +227,18 @@ fn start_log(request: &Request, opened: &Opened, bones: &[Bone], report: &mut Re
         frames: take.frames(),
         markers: take.markers.len(),
         bones: bones.len(),
+        up,
+        unit: take.unit.symbol().to_owned(),
         seed: request.seed,
         method: request.method.name().to_owned(),
         options: request.options(),
         timings: request.timings,
-    };
+    }
+}
+
+/// Begins the log. That the log cannot be written does not keep the take from being repaired: it is reported.
+fn start_log(request: &Request, about: About, report: &mut Report) -> Option<McapLog> {
+    let path = request.log.as_ref()?;
     match McapLog::create(path, about) {
         Ok(log) => Some(log),
         Err(error) => {
@@ -296,21 +248,28 @@ fn start_log(request: &Request, opened: &Opened, bones: &[Bone], report: &mut Re
     }
 }
 
+/// What was seen of the repair while it went on.
+struct Watched {
+    about: About,
+    log: Option<McapLog>,
+    curves: Option<Curves>,
+}
+
 /// Writes the output, proves it, and puts everything in place: the table and the log first, the output last.
 fn write_out(
     request: &Request,
     opened: Opened,
     mut repaired: Take,
+    gaps: &[Gap],
     bones: &[Bone],
-    log: Option<McapLog>,
-    curves: Option<page::Curves>,
+    watched: Watched,
     mut report: Report,
 ) -> Result<Report, RepairError> {
     let target = &request.output;
+    let before = opened.document.take().clone(); // shares its positions
     let way = output::way(&request.input, opened.format, target);
     // what replaces a compressed file is compressed, whatever its name
     let compressed = compression::is_named(target) || (request.in_place && opened.compressed);
-    let before = curves.is_some().then(|| opened.document.take().clone()); // shares its positions
     let Written { file, notes, sha256, elsewhere } = output::write(way, opened, &repaired, compressed, target)?;
     if let Some(written) = elsewhere {
         repaired = fills::as_written(&mut report.samples, repaired, &written);
@@ -325,20 +284,24 @@ fn write_out(
         fills::write(&report.samples, &repaired, request.method, &mut table).map_err(|e| unwritable(path, &e))?;
         placed.keep(path).and_then(|()| staging::publish(table, path)).map_err(|e| unwritable(path, &e))?;
     }
-    if let (Some(path), Some(before), Some(curves)) = (&request.page, &before, &curves) {
-        let repaired = page::Repaired { request, sha256: &sha256, before, after: &repaired, bones, report: &report, curves };
-        let text = page::Page::of_repair(&repaired).map_err(io::Error::other).map(|page| page.write());
-        let written = text.and_then(|text| {
-            let mut file = staging::beside(path)?;
-            file.write_all(text.as_bytes())?;
-            placed.keep(path)?;
-            staging::publish(file, path)
-        });
-        written.map_err(|e| unwritable(path, &e))?;
-        report.page = Some(path.clone());
+    let shown =
+        Shown { raw: &before, repaired: Some(&repaired), bones, samples: &report.samples, log_rate_hz: request.log_rate_hz };
+    if let (Some(path), Some(curves)) = (&request.page, &watched.curves) {
+        let page = Page::of_repair(&watched.about, shown, &report.json_for_log(request), curves);
+        let written = page.map_err(io::Error::other).and_then(|page| page.stage(path));
+        let file = written.map_err(|e| unwritable(path, &e))?;
+        placed.keep(path).and_then(|()| staging::publish(file, path)).map_err(|e| unwritable(path, &e))?;
     }
-    if let (Some(log), Some(path)) = (log, &request.log) {
-        let closing = Closing { results: report.results(), attachments: report.attachments() };
+    if let (Some(log), Some(path)) = (watched.log, &request.log) {
+        let mut events = log::of_gaps(gaps, &report.gaps);
+        events.extend(report.notes.iter().map(|note| Event::note(note.matters(), note.to_string())));
+        let closing = Closing {
+            ended: Ended::Done,
+            results: report.results(),
+            attachments: attachments(request, &report, &sha256)?,
+            shown: Some(shown),
+            events,
+        };
         placed.keep(path).map_err(|e| unwritable(path, &e))?;
         match log.finish(&closing) {
             Ok(_) => report.log = Some(path.clone()),
@@ -359,6 +322,27 @@ fn write_out(
     Ok(report)
 }
 
+/// The files that go into the log: the report, and the input if it is wanted.
+fn attachments(request: &Request, report: &Report, sha256: &str) -> Result<Vec<Attachment>, RepairError> {
+    let bytes = report.json_for_log(request).into_bytes();
+    let mut files = vec![Attachment { name: "report.jsonl".to_owned(), media_type: "application/jsonl".to_owned(), bytes }];
+    if request.log_source {
+        let bytes = read(&request.input)?;
+        if hex(&Sha256::digest(&bytes)) != sha256 {
+            return Err(changed(&request.input));
+        }
+        let name = request.input.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        files.push(Attachment { name, media_type: "application/octet-stream".to_owned(), bytes });
+    }
+    Ok(files)
+}
+
+/// The input is no longer what was read.
+fn changed(input: &Path) -> RepairError {
+    let problem = "was changed by someone else while it was repaired; nothing was replaced, run it again".to_owned();
+    RepairError::Io { path: input.to_owned(), problem }
+}
+
 /// Copies the input to `kept`, whole or not at all, and only if it still is what was read.
 fn keep_original(input: &Path, kept: &Path, sha256: &str) -> Result<(), RepairError> {
     let copied = staging::beside(kept).and_then(|file| {
@@ -368,8 +352,7 @@ fn keep_original(input: &Path, kept: &Path, sha256: &str) -> Result<(), RepairEr
     });
     let (copied_sha256, file) = copied.map_err(|e| unwritable(kept, &e))?;
     if copied_sha256 != sha256 {
-        let problem = "was changed by someone else while it was repaired; nothing was replaced, run it again".to_owned();
-        return Err(RepairError::Io { path: input.to_owned(), problem });
+        return Err(changed(input));
     }
     file.persist_noclobber(kept).map_err(|e| unwritable(kept, &e.error))?;
     Ok(())

@@ -9,7 +9,7 @@ use crate::solve::{Bone, Gap, Stage, Stop};
 use formats::{Note, Origin, Take};
 use serde::Serialize;
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What happened to one gap.
 #[derive(Clone, Debug, Serialize)]
@@ -189,7 +189,7 @@ impl Report {
             log: None,
             log_error: None,
             fills: request.fills.clone().filter(|_| !request.dry_run),
-            page: None,
+            page: request.page.clone().filter(|_| !request.dry_run),
             format: opened.format.info().name,
             rate_hz: take.rate_hz,
             frames: take.frames(),
@@ -283,6 +283,18 @@ impl Report {
 
     /// The report as JSON lines: notes, gaps, then the summary.
     pub fn json(&self) -> String {
+        self.json_of([self.output.as_deref(), self.log.as_deref(), self.fills.as_deref(), self.page.as_deref()], |path| path.display().to_string())
+    }
+
+    /// The same for the log of the repair, which is written when only the names of files are missing.
+    /// Folders are left out: a log must not depend on where it lies.
+    pub fn json_for_log(&self, request: &Request) -> String {
+        let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        self.json_of([Some(&request.output), request.log.as_deref(), self.fills.as_deref(), self.page.as_deref()], name)
+    }
+
+    /// `written`: the take, the log, the table and the report to look at. `name` says how a file is called.
+    fn json_of(&self, written: [Option<&Path>; 4], name: impl Fn(&Path) -> String) -> String {
         #[derive(Serialize)]
         #[serde(tag = "message_type", rename_all = "snake_case")]
         #[allow(clippy::large_enum_variant)] // a handful, written and forgotten
@@ -319,17 +331,17 @@ impl Report {
                 exit_code: u8,
             },
         }
-        let path = |p: &Option<PathBuf>| p.as_ref().map(|p| p.display().to_string());
+        let [output, log, fills, report] = written.map(|path| path.map(&name));
         let mut messages: Vec<Message> =
             self.notes.iter().map(|n| Message::Note { kind: n.kind(), text: n.to_string(), matters: n.matters() }).collect();
         messages.extend(self.gaps.iter().map(Message::Gap));
         messages.push(Message::Summary {
-            input: self.input.display().to_string(),
-            output: path(&self.output),
-            log: path(&self.log),
+            input: name(&self.input),
+            output,
+            log,
             log_error: self.log_error.as_deref(),
-            fills: path(&self.fills),
-            report: path(&self.page),
+            fills,
+            report,
             dry_run: self.dry_run,
             format: self.format,
             rate_hz: self.rate_hz,

@@ -30,6 +30,11 @@ pub fn beside(path: &Path) -> io::Result<NamedTempFile> {
     builder.tempfile_in(folder(path))
 }
 
+/// True if something has this name, be it a link that leads nowhere.
+pub fn is_there(path: &Path) -> bool {
+    path.exists() || path.is_symlink()
+}
+
 /// The folder that holds `path`.
 pub fn folder(path: &Path) -> &Path {
     path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))

@@ -60,6 +60,34 @@ impl StatedArgs {
     }
 }
 
+/// `mocap-repair layout`.
+#[derive(Debug, Args)]
+pub(super) struct LayoutArgs {
+    /// The log of a repair
+    #[arg(value_name = "LOG.mcap")]
+    pub log: PathBuf,
+    /// The file to write; import it in the viewer
+    #[arg(short, long, value_name = "FILE.json")]
+    pub output: PathBuf,
+    /// Replace a file that exists
+    #[arg(long)]
+    pub force: bool,
+}
+
+/// `mocap-repair report`.
+#[derive(Debug, Args)]
+pub(super) struct ReportArgs {
+    /// The log of a repair
+    #[arg(value_name = "LOG.mcap")]
+    pub log: PathBuf,
+    /// The file to write; open it in a browser
+    #[arg(short, long, value_name = "FILE.html")]
+    pub output: PathBuf,
+    /// Replace a file that exists
+    #[arg(long)]
+    pub force: bool,
+}
+
 /// `mocap-repair convert`.
 #[derive(Args)]
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
@@ -265,6 +293,12 @@ pub(super) struct RepairArgs {
     /// Write computing times into the log (then it differs from run to run)
     #[arg(long)]
     pub timings: bool,
+    /// Draw at most so many frames per second in the log; tables and curves keep all of them [default: every frame]
+    #[arg(long, value_name = "HZ", value_parser = rate)]
+    pub log_rate: Option<f64>,
+    /// Put the input itself into the log
+    #[arg(long)]
+    pub log_source: bool,
     /// Replace files that exist
     #[arg(long)]
     pub force: bool,
@@ -368,6 +402,8 @@ impl RepairArgs {
             force: self.force,
             dry_run: self.dry_run,
             timings: self.timings,
+            log_rate_hz: self.log_rate,
+            log_source: self.log_source,
             method: self.method,
             settings: self.settings(),
             iterations: self.iterations,

@@ -8,12 +8,13 @@ use crate::convert::convert;
 use crate::demo::{DemoOptions, write_demo};
 use crate::input::{Reading, open};
 use crate::inspect::Inspection;
-use crate::log::Terminal;
-use crate::repair::{neighbours, repair};
+use crate::log::{self, Terminal};
+use crate::page;
+use crate::repair::{RepairError, neighbours, repair};
 use crate::report::lines;
 use crate::solve::Method;
 use crate::solve::auto::Stiffness;
-use args::{BonesArg, ConvertArgs, RepairArgs, StatedArgs, rate};
+use args::{BonesArg, ConvertArgs, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
 use clap::{CommandFactory, Parser, Subcommand, error::ErrorKind};
 use formats::printable;
 use serde::Serialize;
@@ -70,6 +71,10 @@ enum Command {
     /// Write a take in another format, unit or orientation, and say what that one cannot hold
     #[command(after_help = CONVERT_AFTER_HELP)]
     Convert(ConvertArgs),
+    /// Take the layout for Foxglove or Lichtblick out of a log
+    Layout(LayoutArgs),
+    /// Make the report to look at from the log of a repair: one HTML file for any browser
+    Report(ReportArgs),
     /// Make a synthetic take of a walking figure: its truth, and the same with gaps, as C3D and CSV
     Demo {
         /// Folder to write to; made if it is not there
@@ -105,6 +110,8 @@ pub fn main(interrupt: &AtomicBool) -> u8 {
         Some(Command::Inspect { inputs, stated, json }) => inspect(&inputs, &stated.reading(), json),
         Some(Command::Bones { input, stated }) => print_bones(&input, &stated.reading()),
         Some(Command::Convert(args)) => run_convert(&args),
+        Some(Command::Layout(args)) => written(log::extract_layout(&args.log, &args.output, args.force)),
+        Some(Command::Report(args)) => written(page::report_of_log(&args.log, &args.output, args.force)),
         Some(Command::Demo { output, frames, rate, seed, force }) => {
             demo(&output, &DemoOptions { frames: frames as usize, rate_hz: rate, seed, ..DemoOptions::default() }, force)
         }
@@ -193,6 +200,17 @@ fn print_bones(path: &Path, reading: &Reading) -> u8 {
             print(&bones::write(&bones::find(take, &neighbours(take)), take));
             0
         }
+        Err(error) => {
+            fail(&error.to_string(), false);
+            1
+        }
+    }
+}
+
+/// The exit code of a command that writes a file and says nothing.
+fn written(result: Result<(), RepairError>) -> u8 {
+    match result {
+        Ok(()) => 0,
         Err(error) => {
             fail(&error.to_string(), false);
             1

@@ -3,9 +3,9 @@
 //! A bone is judged where filling can have hurt it: in the frames in which at least one of its ends is missing from the problem.
 //! Frames in which both ends were observed would only dilute the number, and no solver may change them.
 
+use super::names;
 use crate::solve::{Bone, Estimate, Problem};
 use rayon::prelude::*;
-use std::collections::BTreeSet;
 
 /// Where the ends of a bone are found in a frame. Numbers are places in [`Problem::missing`], which also knows the frame.
 #[derive(Clone, Copy, Debug)]
@@ -110,25 +110,13 @@ fn distance_mm(problem: &Problem, estimate: &Estimate, bone: &Bone, touched: Tou
     Some(((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)).sqrt())
 }
 
-/// `NAMEA-NAMEB` for each bone. A marker without a name is `#` and its number in the file, and a label that is taken gets ` (2)`, ` (3)`, ...
+/// `NAMEA-NAMEB` for each bone, never the same twice.
 fn labels(problem: &Problem) -> Vec<String> {
-    let end = |column: usize| match problem.names.get(column) {
-        Some(name) if !name.is_empty() => name.clone(),
-        _ => format!("#{}", problem.columns.get(column).map_or(column, |&marker| marker) + 1),
+    let end = |column: usize| {
+        let marker = problem.columns.get(column).copied().unwrap_or(column);
+        names::end(problem.names.get(column).map_or("", String::as_str), marker)
     };
-    let mut taken = BTreeSet::new();
-    let mut labels = Vec::with_capacity(problem.bones.len());
-    for bone in &problem.bones {
-        let plain = format!("{}-{}", end(bone.a), end(bone.b));
-        let mut label = plain.clone();
-        let mut count = 1;
-        while !taken.insert(label.clone()) {
-            count += 1;
-            label = format!("{plain} ({count})");
-        }
-        labels.push(label);
-    }
-    labels
+    names::unique(problem.bones.iter().map(|bone| format!("{}-{}", end(bone.a), end(bone.b))))
 }
 
 #[cfg(test)]

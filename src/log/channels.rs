@@ -3,10 +3,24 @@
 /// A topic of the log. To add one: its definition in `proto/`, a variant here with a row in each `match`, and its rows in `docs/mcap-log.md`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Channel {
+    /// How the axes of the take lie in a room whose z axis points up; once, and only if they lie otherwise.
+    Axes,
     /// One [`EmLikelihood`](super::schema::EmLikelihood) per iteration.
     Likelihood,
     /// One [`EmBoneResiduals`](super::schema::EmBoneResiduals) per iteration.
     BoneResiduals,
+    /// One [`BoneLengths`](super::schema::BoneLengths) per frame.
+    BoneLengths,
+    /// One [`MarkerStates`](super::schema::MarkerStates) per frame.
+    MarkerState,
+    /// The markers as they were read.
+    Raw,
+    /// The markers as they were written.
+    Repaired,
+    /// Bones as lines, filled markers as balls.
+    Skeleton,
+    /// What happened, in words.
+    Log,
 }
 
 /// The descriptor set that the build wrote for a message.
@@ -18,29 +32,58 @@ macro_rules! descriptor {
 
 impl Channel {
     /// All of them, in the order in which messages of the same time are written.
-    pub const ALL: [Self; 2] = [Self::Likelihood, Self::BoneResiduals];
+    pub const ALL: [Self; 9] = [
+        Self::Axes,
+        Self::Likelihood,
+        Self::BoneResiduals,
+        Self::BoneLengths,
+        Self::MarkerState,
+        Self::Raw,
+        Self::Repaired,
+        Self::Skeleton,
+        Self::Log,
+    ];
 
     /// The topic's name.
     pub fn topic(self) -> &'static str {
         match self {
+            Self::Axes => "/tf",
             Self::Likelihood => "/em/likelihood",
             Self::BoneResiduals => "/em/bone_residuals",
+            Self::BoneLengths => "/take/bone_lengths",
+            Self::MarkerState => "/take/marker_state",
+            Self::Raw => "/markers/raw",
+            Self::Repaired => "/markers/repaired",
+            Self::Skeleton => "/skeleton",
+            Self::Log => "/log",
         }
     }
 
     /// Full name of the message.
     pub fn schema(self) -> &'static str {
         match self {
+            Self::Axes => "foxglove.FrameTransforms",
             Self::Likelihood => "mocap_repair.EmLikelihood",
             Self::BoneResiduals => "mocap_repair.EmBoneResiduals",
+            Self::BoneLengths => "mocap_repair.BoneLengths",
+            Self::MarkerState => "mocap_repair.MarkerStates",
+            Self::Raw | Self::Repaired => "foxglove.PointCloud",
+            Self::Skeleton => "foxglove.SceneUpdate",
+            Self::Log => "foxglove.Log",
         }
     }
 
     /// The message's `FileDescriptorSet`, imports included.
     pub fn descriptor(self) -> &'static [u8] {
         match self {
+            Self::Axes => descriptor!("FrameTransforms"),
             Self::Likelihood => descriptor!("EmLikelihood"),
             Self::BoneResiduals => descriptor!("EmBoneResiduals"),
+            Self::BoneLengths => descriptor!("BoneLengths"),
+            Self::MarkerState => descriptor!("MarkerStates"),
+            Self::Raw | Self::Repaired => descriptor!("PointCloud"),
+            Self::Skeleton => descriptor!("SceneUpdate"),
+            Self::Log => descriptor!("Log"),
         }
     }
 }

@@ -3,19 +3,25 @@
 //! What is in it, in which units and when, is described in `docs/mcap-log.md`; the channels are listed in `channels.rs`.
 //! The life of a log: [`McapLog::create`], then it observes the stages of one repair, then [`McapLog::finish`].
 //!
-//! The messages of the iterations are small, so they wait in memory and are written in one go at the end, in the order of their times.
-//! Hence the solver's loop does no I/O, and a channel with one message per frame can be merged in without breaking that order.
+//! The messages of the iterations are small, so they wait in memory and are merged with those of the frames at the end, in the order of
+//! their times. Hence the solver's loop does no I/O.
 //! Until the end the file has a temporary name next to the final one.
-//! A run that fails, is killed, or drops the log leaves the final name as it was.
+//! A run that is killed, or drops the log, leaves the final name as it was.
 
 use super::channels::{Channel, tick_ns, timestamp};
 use super::check::{Expected, check};
-use super::{BoneResiduals, schema};
-use crate::solve::{Observer, Outcome, Start, Step};
+use super::events::{self, Event};
+use super::frames::{Frames, Shown};
+use super::metadata::{Stage, metadata};
+use super::{BoneResiduals, axes, describe, layout, schema};
+use crate::report::count;
+use crate::solve::{Observer, Outcome, Start, Step, Stop};
 use crate::staging;
 use ::mcap::records::{MessageHeader, Metadata};
 use ::mcap::{Compression, McapError, WriteOptions, Writer};
+use formats::Direction;
 use prost::Message;
+use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -23,11 +29,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use tempfile::NamedTempFile;
 
-/// Name of the metadata record.
-pub const METADATA: &str = "mocap-repair";
-
 /// The highest frame rate for which two iterations never fall on the same nanosecond.
 const HIGHEST_RATE_HZ: f64 = 1e9;
+
+/// Frames whose messages are made at once, on all cores, before they are written.
+const BLOCK: usize = 1024;
 
 /// What is known about a repair before it starts. All of it goes into the metadata record, except where stated.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -46,6 +52,10 @@ pub struct About {
     pub markers: usize,
     /// Number of bones.
     pub bones: usize,
+    /// Which axis points up.
+    pub up: Up,
+    /// Unit of length of the file, such as `mm`.
+    pub unit: String,
     /// Seed of the random numbers.
     pub seed: u64,
     /// The method that was asked for. The metadata also names the method of each stage.
@@ -56,13 +66,73 @@ pub struct About {
     pub timings: bool,
 }
 
+/// Which axis of a take points up, and who says so.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Up {
+    /// The file.
+    Stated(Direction),
+    /// The shape of what moves.
+    Guessed(Direction),
+    /// Nobody.
+    #[default]
+    Unknown,
+}
+
+impl Up {
+    /// The axis, if there is one.
+    pub fn direction(self) -> Option<Direction> {
+        match self {
+            Self::Stated(direction) | Self::Guessed(direction) => Some(direction),
+            Self::Unknown => None,
+        }
+    }
+
+    /// In words.
+    pub fn text(self) -> String {
+        match self {
+            Self::Stated(direction) => direction.to_string(),
+            Self::Guessed(direction) => format!("{direction} (guessed)"),
+            Self::Unknown => "not stated".to_owned(),
+        }
+    }
+}
+
+/// How the repair ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Ended {
+    /// The take was written.
+    #[default]
+    Done,
+    /// Somebody stopped it; no take was written.
+    Interrupted,
+    /// It broke down; no take was written.
+    Failed,
+}
+
+impl Ended {
+    /// One word, for the metadata.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Done => "done",
+            Self::Interrupted => "interrupted",
+            Self::Failed => "failed",
+        }
+    }
+}
+
 /// What is known about a repair when it is over.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Closing {
+#[derive(Clone, Debug, Default)]
+pub struct Closing<'a> {
+    /// How it ended.
+    pub ended: Ended,
     /// Results as (name, value); written into the metadata record as `result.<name>`. If a name occurs twice, the last value counts.
     pub results: Vec<(String, String)>,
-    /// Files to put into the log, in this order.
+    /// Files to put into the log, in this order, before those that the log makes itself.
     pub attachments: Vec<Attachment>,
+    /// The take itself, for the topics with one message per frame.
+    pub shown: Option<Shown<'a>>,
+    /// What is to be told in words, besides the course of the iterations.
+    pub events: Vec<Event>,
 }
 
 /// A file inside the log.
@@ -116,20 +186,8 @@ impl From<McapError> for LogError {
 #[derive(Debug)]
 struct Waiting {
     channel: Channel,
-    /// Counts the messages of the channel, from 0.
-    sequence: u32,
     log_time: u64,
     data: Vec<u8>,
-}
-
-/// What happened in one stage.
-#[derive(Debug)]
-struct Stage {
-    number: u32,
-    method: &'static str,
-    step_limit: u32,
-    /// Why it stopped, how many steps it took, and what broke. `None` while it runs.
-    end: Option<(&'static str, u32, Option<String>)>,
 }
 
 /// Writes the MCAP log of one repair.
@@ -186,13 +244,30 @@ impl McapLog {
     ///
     /// # Errors
     /// The file could not be written, does not read back as it was written, or could not be renamed. What had the name before is still there.
-    pub fn finish(mut self, closing: &Closing) -> Result<Written, LogError> {
-        let metadata = Metadata { name: METADATA.to_owned(), metadata: self.metadata(closing) };
-        write(self.file.as_file_mut(), &self.waiting, &metadata, closing)?;
+    pub fn finish(mut self, closing: &Closing<'_>) -> Result<Written, LogError> {
+        let about = &self.about;
+        let mut attachments = closing.attachments.clone();
+        if let Some(shown) = &closing.shown {
+            attachments.push(describe::attachment(about, shown));
+            attachments.push(layout::attachment(about, shown, &self.stages));
+        }
+        let metadata = metadata(about, self.iterations, &self.stages, closing);
+        let frames = closing.shown.map(|shown| Frames::new(shown, about.rate_hz));
+        let mut waiting = std::mem::take(&mut self.waiting);
+        waiting.extend(axes::transform(about.up).map(|m| Waiting { channel: Channel::Axes, log_time: 0, data: m.encode_to_vec() }));
+        let events = closing.events.iter().map(|event| {
+            let log_time = tick_ns(event.frame as u32, about.rate_hz);
+            Waiting { channel: Channel::Log, log_time, data: events::message(event, about, timestamp(log_time)).encode_to_vec() }
+        });
+        waiting.extend(events);
+        // stable: what was told first stays first
+        waiting.sort_by_key(|w| (w.log_time, w.channel as u8));
+
+        let messages = write(self.file.as_file_mut(), &waiting, frames.as_ref(), about.rate_hz, &metadata, &attachments)?;
         self.file.as_file().sync_all()?;
         let expected = Expected {
-            messages: Channel::ALL.map(|c| (c.topic(), self.waiting.iter().filter(|w| w.channel == c).count() as u64)).into(),
-            attachments: closing.attachments.len() as u64,
+            messages: messages.map(|(channel, count)| (channel.topic(), count)).into(),
+            attachments: attachments.len() as u64,
             metadata,
         };
         check(self.file.path(), &expected).map_err(|error| match error {
@@ -201,65 +276,38 @@ impl McapLog {
         })?;
         let bytes = self.file.as_file().metadata()?.len();
         self.file.persist(&self.path).map_err(|e| e.error)?;
-        Ok(Written { messages: self.waiting.len() as u64, bytes })
+        Ok(Written { messages: messages.iter().map(|(_, count)| count).sum(), bytes })
+    }
+
+    /// The path that the log will have.
+    pub fn path(&self) -> &Path {
+        &self.path
     }
 
     /// Queues a message. Called in the order of `log_time`.
     fn add(&mut self, channel: Channel, log_time: u64, message: &impl Message) {
-        self.waiting.push(Waiting { channel, sequence: self.iterations, log_time, data: message.encode_to_vec() });
+        self.waiting.push(Waiting { channel, log_time, data: message.encode_to_vec() });
     }
 
-    /// The metadata record. Ordered, so that equal runs give equal bytes.
-    fn metadata(&self, closing: &Closing) -> BTreeMap<String, String> {
-        let about = &self.about;
-        let mut map: BTreeMap<String, String> = BTreeMap::new();
-        let mut put = |key: &str, value: String| map.insert(key.to_owned(), value);
-        put("version", env!("CARGO_PKG_VERSION").to_owned());
-        put("source_name", about.source_name.clone());
-        put("source_sha256", about.source_sha256.clone());
-        put("rate_hz", about.rate_hz.to_string());
-        put("first_frame", about.first_frame.to_string());
-        put("frames", about.frames.to_string());
-        put("markers", about.markers.to_string());
-        put("bones", about.bones.to_string());
-        put("t0_ns", "0".to_owned());
-        put("frame_time_base", "frame f of the take, counted from 0, is at round(f * 1e9 / rate_hz) ns".to_owned());
-        put(
-            "iteration_time_base",
-            "iteration k of the log, counted from 0 over all stages, is at round(k * 1e9 / rate_hz) ns; not a wall clock".to_owned(),
-        );
-        put("units", "mm, s and nats in /em topics; the field names say which".to_owned());
-        put("seed", about.seed.to_string());
-        put("method", about.method.clone());
-        put("timings", about.timings.to_string());
-        put("iterations", self.iterations.to_string());
-        put("stages", self.stages.len().to_string());
-        let stops: Vec<&str> = self.stages.iter().map(|s| s.end.as_ref().map_or("unfinished", |e| e.0)).collect();
-        put("stop_reason", stops.join(", "));
-        for stage in &self.stages {
-            let mut put = |key: &str, value: String| put(&format!("stage.{}.{key}", stage.number), value);
-            put("method", stage.method.to_owned());
-            put("step_limit", stage.step_limit.to_string());
-            if let Some((stop, steps, error)) = &stage.end {
-                put("stop_reason", (*stop).to_owned());
-                put("steps", steps.to_string());
-                if let Some(error) = error {
-                    put("error", error.clone());
-                }
-            }
-        }
-        for (name, value) in &about.options {
-            put(&format!("option.{name}"), value.clone());
-        }
-        for (name, value) in &closing.results {
-            put(&format!("result.{name}"), value.clone());
-        }
-        map
+    /// Queues what an iteration, or the end of one, gives reason to say.
+    fn say(&mut self, iteration: u32, warning: bool, name: &str, message: String) {
+        let log_time = tick_ns(iteration, self.about.rate_hz);
+        let event = Event { frame: iteration as usize, warning, name: name.to_owned(), message };
+        let message = events::message(&event, &self.about, timestamp(log_time));
+        self.add(Channel::Log, log_time, &message);
     }
 }
 
 /// Writes the whole file. All channels are declared, also those without messages, so that a reader always finds the same topics.
-fn write(file: &mut File, waiting: &[Waiting], metadata: &Metadata, closing: &Closing) -> Result<(), LogError> {
+/// `waiting` is sorted by time. Returns the number of messages of each channel.
+fn write(
+    file: &mut File,
+    waiting: &[Waiting],
+    frames: Option<&Frames<'_>>,
+    rate_hz: f64,
+    metadata: &Metadata,
+    attachments: &[Attachment],
+) -> Result<[(Channel, u64); Channel::ALL.len()], LogError> {
     // Everything that decides about bytes is stated here, whatever the defaults of the library become.
     let mut writer = WriteOptions::new()
         .profile("")
@@ -269,19 +317,48 @@ fn write(file: &mut File, waiting: &[Waiting], metadata: &Metadata, closing: &Cl
         .compression_threads(0) // the default follows the machine, and the bytes follow the number
         .chunk_size(Some(1 << 20))
         .create(BufWriter::new(file))?;
-    let mut ids = Vec::with_capacity(Channel::ALL.len());
-    for channel in Channel::ALL {
-        let schema = writer.add_schema(channel.schema(), "protobuf", channel.descriptor())?;
-        ids.push((channel, writer.add_channel(schema, channel.topic(), "protobuf", &BTreeMap::new())?));
-    }
-    for message in waiting {
-        let Some(&(_, channel_id)) = ids.iter().find(|(channel, _)| *channel == message.channel) else {
-            return Err(LogError::Check(format!("the channel {} was not declared", message.channel.topic())));
+    let mut ids = [0; Channel::ALL.len()];
+    let mut schemas: BTreeMap<&str, u16> = BTreeMap::new();
+    for (id, channel) in ids.iter_mut().zip(Channel::ALL) {
+        let schema = match schemas.get(channel.schema()) {
+            Some(schema) => *schema,
+            None => writer.add_schema(channel.schema(), "protobuf", channel.descriptor())?,
         };
-        let header = MessageHeader { channel_id, sequence: message.sequence, log_time: message.log_time, publish_time: message.log_time };
-        writer.write_to_known_channel(&header, &message.data)?;
+        schemas.insert(channel.schema(), schema);
+        *id = writer.add_channel(schema, channel.topic(), "protobuf", &BTreeMap::new())?;
     }
-    for attachment in &closing.attachments {
+    let mut counts = Channel::ALL.map(|channel| (channel, 0));
+    let mut put = |writer: &mut Writer<_>, channel: Channel, log_time: u64, data: &[u8]| {
+        let count = &mut counts[channel as usize].1;
+        let header = MessageHeader { channel_id: ids[channel as usize], sequence: *count as u32, log_time, publish_time: log_time };
+        *count += 1;
+        writer.write_to_known_channel(&header, data)
+    };
+    let mut waiting = waiting.iter().peekable();
+    let count = frames.map_or(0, Frames::count);
+    for block in (0..count).step_by(BLOCK) {
+        let Some(frames) = frames else { break };
+        let made: Vec<_> = (block..count.min(block + BLOCK))
+            .into_par_iter()
+            .with_min_len(64)
+            .map_init(|| frames.scratch(), |scratch, frame| frames.encode(frame, scratch))
+            .collect();
+        for (frame, messages) in (block..).zip(&made) {
+            let log_time = tick_ns(frame as u32, rate_hz);
+            // what happened at this moment is told where its channel stands among those of the frame
+            let due = |w: &&Waiting, channel: u8| w.log_time < log_time || (w.log_time == log_time && (w.channel as u8) <= channel);
+            for (channel, data) in messages {
+                while let Some(w) = waiting.next_if(|w| due(w, *channel as u8)) {
+                    put(&mut writer, w.channel, w.log_time, &w.data)?;
+                }
+                put(&mut writer, *channel, log_time, data)?;
+            }
+        }
+    }
+    for w in waiting {
+        put(&mut writer, w.channel, w.log_time, &w.data)?;
+    }
+    for attachment in attachments {
         writer.attach(&::mcap::Attachment {
             log_time: 0,
             create_time: 0, // a wall clock would make every log different
@@ -293,7 +370,7 @@ fn write(file: &mut File, waiting: &[Waiting], metadata: &Metadata, closing: &Cl
     writer.write_metadata(metadata)?;
     writer.finish()?;
     flush(writer)?;
-    Ok(())
+    Ok(counts)
 }
 
 /// Empties the buffer between library and file, whose errors would be lost if it were just dropped.
@@ -304,12 +381,14 @@ fn flush(writer: Writer<BufWriter<&mut File>>) -> io::Result<()> {
 
 impl Observer for McapLog {
     fn started(&mut self, start: &Start<'_>) {
-        self.stages.push(Stage { number: start.stage, method: start.method, step_limit: start.step_limit, end: None });
+        self.stages.push(Stage { number: start.stage, method: start.method, step_limit: start.step_limit, end: None, likelihood: false });
         self.bones = None;
         self.before = None;
         if self.about.timings && self.began.is_none() {
             self.began = Some(Instant::now());
         }
+        let limit = start.step_limit;
+        self.say(self.iterations, false, start.method, format!("model {} begins: {}, at most {limit} steps", start.stage, start.method));
     }
 
     fn stepped(&mut self, step: &Step<'_>) {
@@ -350,13 +429,24 @@ impl Observer for McapLog {
         };
         self.add(Channel::Likelihood, log_time, &likelihood);
         self.add(Channel::BoneResiduals, log_time, &residuals);
+        if let Some(stage) = self.stages.last_mut() {
+            stage.likelihood = true;
+        }
         self.before = Some(log_likelihood);
         self.iterations += 1;
     }
 
     fn stopped(&mut self, outcome: &Outcome) {
-        if let Some(stage) = self.stages.last_mut() {
-            stage.end = Some((outcome.stop.word(), outcome.steps, outcome.error.as_ref().map(ToString::to_string)));
+        let Some(stage) = self.stages.last_mut() else { return };
+        let error = outcome.error.as_ref().map(ToString::to_string);
+        let method = stage.method;
+        let mut text = format!("model {} ends: {} after {}", stage.number, outcome.stop.word(), count(outcome.steps as usize, "step"));
+        if let Some(error) = &error {
+            text = format!("{text}: {error}");
         }
+        stage.end = Some((outcome.stop.word(), outcome.steps, error));
+        // at its last iteration, if it had any of its own
+        let last = if self.before.is_some() { self.iterations.saturating_sub(1) } else { self.iterations };
+        self.say(last, outcome.stop != Stop::Converged, method, text);
     }
 }

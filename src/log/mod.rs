@@ -2,19 +2,52 @@
 //!
 //! [`McapLog`] writes a file that viewers for robotics logs plot and play; `docs/mcap-log.md` describes it for its readers.
 
+mod axes;
 mod bone_residuals;
 mod channels;
 mod check;
+mod cloud;
+mod describe;
+mod events;
+mod frames;
+mod layout;
 mod mcap;
+mod metadata;
+mod names;
+mod read;
+mod replay;
+mod skeleton;
 mod terminal;
 
 /// The messages of the log, generated from the definitions in `proto/`, whose comments they carry.
 pub mod schema {
-    #![allow(clippy::pedantic)] // generated code
+    #![allow(clippy::pedantic, missing_docs)] // generated code
 
     include!(concat!(env!("OUT_DIR"), "/mocap_repair.rs"));
+
+    /// Messages that Foxglove defines and viewers know how to draw.
+    pub mod foxglove {
+        include!(concat!(env!("OUT_DIR"), "/foxglove.rs"));
+    }
 }
 
+/// Name of the axes in which the take was recorded.
+const FRAME_ID: &str = "lab";
+
+/// Name of the axes of the room, z up, if the take's are others.
+const ROOM_ID: &str = "world";
+
 pub use bone_residuals::{BoneResiduals, Residual};
-pub use mcap::{About, Attachment, Closing, LogError, METADATA, McapLog, Written};
+pub use describe::{DescribedBone, Description};
+pub use events::{Event, of_gaps};
+pub use frames::Shown;
+pub(crate) use frames::columns;
+pub use mcap::{About, Attachment, Closing, Ended, LogError, McapLog, Up, Written};
+pub use metadata::METADATA;
+pub use read::{LogReadError, attachment, extract_layout, is_unfinished};
+pub(crate) use cloud::{Point, metres};
+pub(crate) use describe::NAME as DESCRIPTION;
+pub(crate) use replay::{Told, replay};
 pub use terminal::Terminal;
+
+use frames::Look;

@@ -127,15 +127,16 @@ fn escaped(text: &str) -> String {
 #[cfg(test)]
 mod tests {
     #![allow(clippy::unwrap_used)]
-    use super::super::{Note, Take};
+    use super::super::Note;
     use super::*;
+    use crate::log::Description;
 
     #[test]
     fn nothing_of_the_take_is_code() {
         let evil = "</script><img src=x onerror=alert(1)><!--\u{2028}\"'&";
         let mut page = Page { source_name: evil.to_owned(), ..Page::default() };
         let plain = Page { source_name: "a.c3d".to_owned(), ..Page::default() }.write();
-        page.take = Take { markers: vec![evil.to_owned()], ..Take::default() };
+        page.take = Description { markers: vec![evil.to_owned()], ..Description::default() };
         page.notes = vec![Note { text: evil.to_owned(), matters: true }];
         let text = page.write();
         for what in ["<script", "</script", "<!--", "<img"] {

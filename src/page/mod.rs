@@ -6,37 +6,30 @@
 
 mod curves;
 mod html;
+mod of_log;
 mod of_repair;
 mod pack;
 mod positions;
 mod told;
 
 pub use curves::{Curve, Curves, Iteration};
-pub use of_repair::Repaired;
-pub use positions::{Positions, Sample, State};
+pub use of_log::report_of_log;
+pub use positions::{Positions, State, Track};
 pub use told::{Bones, Note, Part, Share, Stage, Summary};
 
+use crate::log::Description;
+use crate::staging;
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::io::{self, Write};
+use std::path::Path;
+use tempfile::NamedTempFile;
 
 /// Of a gap's explanation, no more neighbours and experts than this are shown for each stretch: takes with ten thousand gaps exist.
 const MOST_REASONS: usize = 4;
 
-/// Two markers of constant distance.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Bone {
-    /// One end, as an index into [`Page::markers`].
-    pub a: u32,
-    /// The other end.
-    pub b: u32,
-    /// Expected length, mm.
-    pub length_mm: f64,
-    /// Its standard deviation where both ends were measured, mm.
-    pub spread_mm: f64,
-}
-
 /// One gap.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
 pub struct Gap {
     /// Index into [`Page::markers`].
     pub marker: u32,
@@ -69,32 +62,11 @@ pub struct Suspect {
     /// Number of frames.
     pub frames: u32,
     /// How far it is off, mm.
-    pub size_mm: Option<f64>,
+    pub size_mm: f64,
     /// In words.
     pub text: String,
     /// True if the samples were taken for missing.
     pub dropped: bool,
-}
-
-/// What the page says about the take.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-pub struct Take {
-    /// Frames per second.
-    pub rate_hz: f64,
-    /// Number of frames.
-    pub frames: u32,
-    /// The file's own number of frame 0.
-    pub first_frame: i64,
-    /// By how much the file's own numbers go up from frame to frame.
-    pub frame_step: i64,
-    /// The unit that the file is written in.
-    pub unit: String,
-    /// The axis that points up, such as `+z`, if the file says so.
-    pub up: Option<String>,
-    /// Labels of the markers; model outputs are not among them.
-    pub markers: Vec<String>,
-    /// Pairs of constant distance.
-    pub bones: Vec<Bone>,
 }
 
 /// Everything that is shown, wherever it comes from.
@@ -113,7 +85,7 @@ pub struct Page {
     /// Effective options by name.
     pub options: BTreeMap<String, String>,
     /// The take.
-    pub take: Take,
+    pub take: Description,
     /// What was assumed, odd or lost.
     pub notes: Vec<Note>,
     /// Gaps, marker by marker.
@@ -137,32 +109,63 @@ impl Page {
         html::write(self)
     }
 
-    /// Takes over what the report told. Gaps come marker by marker, so that a label which occurs twice leads to the right column.
-    fn tell(&mut self, told: told::Told) {
-        let mut at = (0, i64::MIN);
-        for gap in told.gaps {
-            let markers = &self.take.markers;
-            let fits = |m: usize| markers.get(m).is_some_and(|label| *label == gap.marker);
-            let from = if gap.first_frame > at.1 { at.0 } else { at.0 + 1 };
-            let Some(marker) = (from..markers.len()).find(|&m| fits(m)) else { continue };
-            at = (marker, gap.last_frame);
-            let step = if self.take.frame_step == 0 { 1 } else { self.take.frame_step };
-            let start = gap.first_frame.saturating_sub(self.take.first_frame) / step;
-            let explanation = gap.explanation.into_iter().map(|mut part| {
-                part.neighbours.truncate(MOST_REASONS);
-                part.experts.truncate(MOST_REASONS);
-                part
-            });
-            self.gaps.push(Gap {
-                marker: marker as u32,
-                start: u32::try_from(start).unwrap_or(0),
-                frames: gap.frames,
-                open: gap.open,
-                sigma_mm: gap.worst_sigma_mm,
-                explanation: explanation.collect(),
-            });
+    /// The file in a hidden place beside its final name.
+    ///
+    /// # Errors
+    /// The folder of `path` cannot be written to.
+    pub fn stage(&self, path: &Path) -> io::Result<NamedTempFile> {
+        let mut file = staging::beside(path)?;
+        file.write_all(self.write().as_bytes())?;
+        Ok(file)
+    }
+
+    /// Takes over what the report told. Its gaps are those of the positions, one by one and in the same order: labels may occur twice.
+    fn tell(&mut self, told: told::Told) -> Result<(), String> {
+        let gaps = self.positions.gaps();
+        if gaps.len() != told.gaps.len() || gaps.iter().zip(&told.gaps).any(|(a, b)| a.frames != b.frames) {
+            return Err(format!("the report tells of {} gaps, the take has {}", told.gaps.len(), gaps.len()));
         }
+        self.gaps = gaps
+            .into_iter()
+            .zip(told.gaps)
+            .map(|(found, mut told)| {
+                for part in &mut told.explanation {
+                    part.neighbours.truncate(MOST_REASONS);
+                    part.experts.truncate(MOST_REASONS);
+                }
+                Gap { open: told.open, sigma_mm: told.worst_sigma_mm, explanation: told.explanation, ..found }
+            })
+            .collect();
+        let labels = &self.take.markers;
+        let index = |label: &str| labels.iter().position(|l| l == label).map(|m| m as u32);
+        let step = if self.take.frame_step == 0 { 1 } else { self.take.frame_step };
+        let frame = |label: i64| (label.saturating_sub(self.take.first_frame) / step).clamp(0, self.take.frames as i64) as u32;
+        let suspects = told.suspects.into_iter().filter_map(|s| {
+            Some(Suspect {
+                marker: index(&s.marker)?,
+                other: s.with.as_deref().and_then(index),
+                start: frame(s.first_frame),
+                frames: frame(s.last_frame).saturating_sub(frame(s.first_frame)) + 1,
+                kind: s.kind,
+                size_mm: s.size_mm,
+                text: s.text,
+                dropped: s.dropped,
+            })
+        });
+        self.suspects = suspects.collect();
         self.notes = told.notes;
         self.summary = told.summary.unwrap_or_default();
+        Ok(())
+    }
+
+    /// What there is to tell of a repair that came to nothing; `ended` is why.
+    fn unfinished(&self, ended: &str) -> told::Told {
+        let gaps = self.positions.gaps();
+        let samples_missing = gaps.iter().map(|gap| u64::from(gap.frames)).sum();
+        let summary =
+            Summary { samples_missing, gaps_left_open: gaps.len() as u32, ..Summary::default() };
+        let note = Note { text: format!("the repair was {ended}, no take was written"), matters: true };
+        let gap = |gap: Gap| told::Gap { frames: gap.frames, open: Some(ended.to_owned()), ..told::Gap::default() };
+        told::Told { notes: vec![note], gaps: gaps.into_iter().map(gap).collect(), suspects: Vec::new(), summary: Some(summary) }
     }
 }

@@ -1,5 +1,6 @@
 //! The positions of a page: rounded to what an eye can see, and packed so that a long take makes a small file.
 
+use super::Gap;
 use super::pack::{Packed, Packer};
 
 /// The page's unit of length, in mm: a tenth of what a camera system promises.
@@ -20,63 +21,69 @@ pub enum State {
     Missing,
 }
 
-/// One sample, rounded.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Sample {
-    /// What it is.
-    pub state: State,
-    /// Position in [`STEP_MM`], in the axes of the take; 0 if it is missing.
-    pub at: [i32; 3],
-    /// Predicted standard deviation of the 3-D error in [`SIGMA_STEP_MM`]; `None` if it was observed, or the method cannot say.
-    pub sigma: Option<u32>,
+/// One marker over the take.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Track {
+    /// What it is in every frame.
+    pub states: Vec<State>,
+    /// For every filled frame, in order: predicted standard deviation of the 3-D error in [`SIGMA_STEP_MM`]; `None` if the method cannot say.
+    pub sigma: Vec<Option<u32>>,
+    /// For each of [`Positions::frames`]: position in [`STEP_MM`], in the axes of the take; 0 where it is missing.
+    pub at: Vec<[i32; 3]>,
 }
 
 /// Markers × frames, as far as they are shown.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Positions {
-    /// The frames that are shown, counted from 0, in order. All of them, unless the log was thinned.
+    /// The frames of which positions are known, counted from 0, in order. All of them, unless the log was thinned.
     pub frames: Vec<u32>,
-    /// For every marker, a sample for each of [`frames`](Self::frames).
-    pub tracks: Vec<Vec<Sample>>,
-    /// What the file held where that is not what is shown: (marker, index into [`frames`](Self::frames), position), in order.
+    /// One for every marker.
+    pub tracks: Vec<Track>,
+    /// What the file held where that is not what is shown: (marker, index into [`frames`](Self::frames), position), by marker and frame.
     pub raw: Vec<(u32, u32, [i32; 3])>,
 }
 
-/// A position in metres, as single-precision numbers: what the log holds.
-pub fn metres(position_mm: [f64; 3]) -> [f32; 3] {
-    position_mm.map(|x| (x / 1000.0) as f32)
-}
-
-/// A position of the log in [`STEP_MM`].
+/// A position in metres, as the log has it, in [`STEP_MM`].
 /// A repair in memory goes through the log's numbers as well, so that both give the same page.
 pub fn rounded(metres: [f32; 3]) -> [i32; 3] {
     metres.map(|x| (f64::from(x) * 1000.0 / STEP_MM).round() as i32)
 }
 
-/// A predicted error of the log, in mm, in [`SIGMA_STEP_MM`]; `None` if it is not a number.
-pub fn rounded_sigma(sigma_mm: f32) -> Option<u32> {
-    (sigma_mm.is_finite() && sigma_mm >= 0.0).then(|| (f64::from(sigma_mm) / SIGMA_STEP_MM).round() as u32)
+/// A predicted error in mm in [`SIGMA_STEP_MM`]; `None` if it is not a number.
+pub fn rounded_sigma(sigma_mm: f64) -> Option<u32> {
+    (sigma_mm.is_finite() && sigma_mm >= 0.0).then(|| (sigma_mm / SIGMA_STEP_MM).round() as u32)
 }
 
 impl Positions {
-    /// Five streams of numbers, marker by marker; `data.js` unpacks them.
+    /// The gaps: maximal runs of frames in which a marker was not observed, marker by marker.
+    pub fn gaps(&self) -> Vec<Gap> {
+        let mut gaps = Vec::new();
+        for (marker, track) in self.tracks.iter().enumerate() {
+            let mut start = 0;
+            for run in track.states.chunk_by(|a, b| (*a == State::Observed) == (*b == State::Observed)) {
+                if run[0] != State::Observed {
+                    gaps.push(Gap { marker: marker as u32, start, frames: run.len() as u32, ..Gap::default() });
+                }
+                start += run.len() as u32;
+            }
+        }
+        gaps
+    }
+
+    /// Streams of numbers, marker by marker; `data.js` unpacks them.
     ///
     /// - `states`: runs of equal states, as pairs of state and length, which together cover the frames of a marker
-    /// - `x`, `y`, `z`: what a coordinate differs by from going on as before, for every sample that is not missing;
-    ///   after missing ones, from staying where it was
+    /// - `x`, `y`, `z`: by how much a coordinate is not where it would be if it went on as before, for every position that is known;
+    ///   after missing ones, if it had stayed where it was
     /// - `sigma`: for every filled sample, 0 if unknown, else one more than it; each as difference to the one before
     /// - `raw`: markers, indices and coordinates, each as difference to the entry before
-    /// - `frames`: the differences between the frames that are shown
+    /// - `frames`: the differences between the frames of which positions are known
     pub fn pack(&self) -> Packed {
         let mut packer = Packer::default();
         let mut stream = Vec::new();
-        for track in &self.tracks {
-            let mut at = 0;
-            while let Some(first) = track.get(at) {
-                let run = track.iter().skip(at).take_while(|s| s.state == first.state).count();
-                stream.push(first.state as i64);
-                stream.push(run as i64);
-                at += run;
+        for Track { states, .. } in &self.tracks {
+            for run in states.chunk_by(|a, b| a == b) {
+                stream.extend([run[0] as i64, run.len() as i64]);
             }
         }
         packer.add("states", &stream);
@@ -84,12 +91,12 @@ impl Positions {
             stream.clear();
             for track in &self.tracks {
                 let (mut last, mut step) = (0i64, 0i64);
-                for sample in track {
-                    if sample.state == State::Missing {
+                for (&frame, at) in self.frames.iter().zip(&track.at) {
+                    if track.states.get(frame as usize).is_none_or(|state| *state == State::Missing) {
                         step = 0;
                         continue;
                     }
-                    let x = i64::from(sample.at[axis]);
+                    let x = i64::from(at[axis]);
                     stream.push(x - last - step);
                     step = x - last;
                     last = x;
@@ -99,8 +106,8 @@ impl Positions {
         }
         stream.clear();
         let mut last = 0;
-        for sample in self.tracks.iter().flatten().filter(|s| s.state == State::Filled) {
-            let sigma = sample.sigma.map_or(0, |s| i64::from(s) + 1);
+        for sigma in self.tracks.iter().flat_map(|track| &track.sigma) {
+            let sigma = sigma.map_or(0, |s| i64::from(s) + 1);
             stream.push(sigma - last);
             last = sigma;
         }
@@ -127,21 +134,22 @@ impl Positions {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::log::metres;
 
     #[test]
     fn what_the_log_rounds_the_page_does_not_see() {
         for (mm, at) in [(0.0, 0), (0.049, 0), (0.051, 1), (-0.051, -1), (1234.56, 12_346), (-4_000.04, -40_000), (1e12, i32::MAX)] {
             assert_eq!(rounded(metres([mm, 0.0, mm])), [at, 0, at], "{mm}");
         }
-        for (mm, sigma) in [(0.0, Some(0)), (1.234, Some(123)), (f32::NAN, None), (f32::INFINITY, None), (-1.0, None)] {
+        for (mm, sigma) in [(0.0, Some(0)), (1.234, Some(123)), (f64::NAN, None), (f64::INFINITY, None), (-1.0, None)] {
             assert_eq!(rounded_sigma(mm), sigma, "{mm}");
         }
     }
 
     #[test]
     fn a_steady_motion_costs_nothing() {
-        let observed = |k: i32| Sample { state: State::Observed, at: [7 * k, -3 * k, 5], sigma: None };
-        let positions = Positions { frames: (0..1000).collect(), tracks: vec![(0..1000).map(observed).collect()], raw: Vec::new() };
+        let track = Track { states: vec![State::Observed; 1000], sigma: vec![], at: (0..1000).map(|k| [7 * k, -3 * k, 5]).collect() };
+        let positions = Positions { frames: (0..1000).collect(), tracks: vec![track], raw: Vec::new() };
         let packed = positions.pack();
         assert!(packed.base64.len() < 120, "{} bytes", packed.base64.len());
     }

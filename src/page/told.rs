@@ -11,15 +11,9 @@ pub struct Note {
     pub matters: bool,
 }
 
-/// One gap.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+/// One gap. Where it is, the positions know better.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 pub struct Gap {
-    /// Label of the marker.
-    pub marker: String,
-    /// First missing frame, the file's number.
-    pub first_frame: i64,
-    /// Last missing frame, the file's number.
-    pub last_frame: i64,
     /// Number of frames.
     pub frames: u32,
     /// Why it stays open, as one word.
@@ -62,6 +56,27 @@ pub struct Share {
     pub error_mm: Option<f64>,
 }
 
+/// Samples that no body makes.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+pub struct Suspect {
+    /// `spike`, `swap`, ...
+    pub kind: String,
+    /// Label of the marker.
+    pub marker: String,
+    /// Label of the marker that it changed places with.
+    pub with: Option<String>,
+    /// First frame, the file's number.
+    pub first_frame: i64,
+    /// Last frame, the file's number.
+    pub last_frame: i64,
+    /// How far it is off, mm.
+    pub size_mm: f64,
+    /// True if its samples were made gaps.
+    pub dropped: bool,
+    /// In words.
+    pub text: String,
+}
+
 /// How one model of the method ended.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Stage {
@@ -91,10 +106,6 @@ pub struct Bones {
 pub struct Summary {
     /// Name of the input's format.
     pub format: String,
-    /// Number of markers.
-    pub markers: u32,
-    /// Number of frames.
-    pub frames: u32,
     /// Missing samples in all gaps.
     pub samples_missing: u64,
     /// Samples that were filled.
@@ -105,8 +116,6 @@ pub struct Summary {
     pub stages: Vec<Stage>,
     /// Bones, if one was touched.
     pub bone_judgement: Option<Bones>,
-    /// 0, or 3 if somebody should look at it.
-    pub exit_code: u8,
 }
 
 /// Everything that was told.
@@ -116,6 +125,8 @@ pub struct Told {
     pub notes: Vec<Note>,
     /// Gaps, marker by marker.
     pub gaps: Vec<Gap>,
+    /// Spikes, swaps, and the like.
+    pub suspects: Vec<Suspect>,
     /// The whole, if it was told.
     pub summary: Option<Summary>,
 }
@@ -131,6 +142,7 @@ pub fn parse(lines: &str) -> Result<Told, String> {
     enum Message {
         Note(Note),
         Gap(Gap),
+        Suspect(Suspect),
         Summary(Summary),
         #[serde(other)]
         Other,
@@ -140,6 +152,7 @@ pub fn parse(lines: &str) -> Result<Told, String> {
         match serde_json::from_str(line).map_err(|e| format!("line {}: {e}", at + 1))? {
             Message::Note(note) => told.notes.push(note),
             Message::Gap(gap) => told.gaps.push(gap),
+            Message::Suspect(suspect) => told.suspects.push(suspect),
             Message::Summary(summary) => told.summary = Some(summary),
             Message::Other => {}
         }

@@ -232,7 +232,7 @@ fn lay(reference: &[Option<[f64; 2]>], weights: &[f64], seen: &dyn Fn(usize) -> 
 
 /// The axis along which the markers keep their order and lie far apart: a body is taller than wide, and turns about the vertical.
 /// Judged by (spread between markers)⁴ / (movement of each about its mean)²; the ratio alone mistakes a runner's side for his height.
-fn guess_up(problem: &Problem) -> usize {
+pub(crate) fn guess_up(problem: &Problem) -> usize {
     let markers = problem.markers();
     let stride = (problem.frames() / 500).max(1);
     let mut sums = vec![[0.0; 3]; markers];

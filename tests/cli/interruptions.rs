@@ -52,20 +52,49 @@ fn a_killed_run_leaves_no_output() {
     lab.run(&["walk-gaps.c3d", "-o", "out.c3d", "--method", "linear"]).with_code(0);
 }
 
+/// Interrupts a long run in the middle of its work.
+#[track_caller]
+fn interrupt(lab: &Lab, signal: &str, arguments: &[&str]) -> String {
+    let mut child = start(lab, arguments);
+    wait_for_work(lab, &mut child);
+    let killed = Command::new("sh").args(["-c", &format!("kill -{signal} {}", child.id())]).status().unwrap();
+    assert!(killed.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{signal}");
+    String::from_utf8(output.stderr).unwrap()
+}
+
 #[test]
-fn an_interrupted_run_leaves_nothing_at_all() {
+fn an_interrupted_run_leaves_a_log_of_how_far_it_came() {
     let lab = long_take();
     let before = lab.listing();
+    let arguments = ["walk-gaps.c3d", "-o", "out.c3d", "--hidden", "32", "--tolerance", "1e-12"];
+    // the second run replaces the log of the first, which nobody needs any more
     for signal in ["INT", "TERM"] {
-        let mut child = start(&lab, &["walk-gaps.c3d", "-o", "out.c3d", "--hidden", "32", "--tolerance", "1e-12"]);
-        wait_for_work(&lab, &mut child);
-        let killed = Command::new("sh").args(["-c", &format!("kill -{signal} {}", child.id())]).status().unwrap();
-        assert!(killed.success());
-        let output = child.wait_with_output().unwrap();
-        let told = String::from_utf8(output.stderr).unwrap();
-        assert_eq!((output.status.code(), told.as_str()), (Some(1), "mocap-repair: walk-gaps.c3d: interrupted, nothing was written\n"));
-        assert!(lab.new_since(&before).is_empty(), "{signal}: {:?}", lab.new_since(&before));
+        let told = interrupt(&lab, signal, &arguments);
+        assert_eq!(told, "mocap-repair: walk-gaps.c3d: interrupted, no take was written; out.mcap shows how far it came\n");
+        assert_eq!(lab.new_since(&before), ["out.mcap"], "{signal}");
+        let metadata = lab.log_metadata("out.mcap");
+        assert_eq!((metadata["ended"].as_str(), metadata["stop_reason"].as_str()), ("interrupted", "interrupted"));
     }
+    // but a log of a take that was written stays
+    lab.run(&["walk-gaps.c3d", "-o", "out.c3d", "--method", "linear"]).with_code(0);
+    let whole = lab.listing();
+    let told = interrupt(&lab, "INT", &[&arguments[..], &["--force"]].concat());
+    assert_eq!(told, "mocap-repair: walk-gaps.c3d: interrupted, no take was written\n");
+    assert_eq!(lab.listing(), whole);
+}
+
+#[test]
+fn an_interrupted_run_without_a_log_leaves_nothing_at_all() {
+    let lab = long_take();
+    let before = lab.listing();
+    let mut child = start(&lab, &["walk-gaps.c3d", "-o", "out.c3d", "--hidden", "32", "--tolerance", "1e-12", "--no-log"]);
+    std::thread::sleep(Duration::from_millis(700)); // reading takes far less, solving far more; both leave nothing
+    let killed = Command::new("sh").args(["-c", &format!("kill -INT {}", child.id())]).status().unwrap();
+    assert!(killed.success());
+    assert!(!child.wait().unwrap().success());
+    assert!(lab.new_since(&before).is_empty(), "{:?}", lab.new_since(&before));
 }
 
 /// Kills a short run at many moments, those of writing and renaming included.

@@ -147,6 +147,14 @@ impl Lab {
         document.take().clone()
     }
 
+    /// The metadata record of a log of the folder.
+    #[track_caller]
+    pub fn log_metadata(&self, name: &str) -> BTreeMap<String, String> {
+        let bytes = self.read(name);
+        let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
+        mcap::read::metadata(&bytes, &summary.metadata_indexes[0]).unwrap().metadata
+    }
+
     /// Writes a take to the folder, in the format of its extension.
     pub fn create(&self, name: &str, take: &Take) {
         let format = formats::by_extension(name.rsplit('.').next().unwrap()).unwrap();

@@ -41,6 +41,8 @@ fn run_stated(bytes: &[u8], extension: &str, method: Method, stated: Stated) -> 
         force: false,
         dry_run: false,
         timings: false,
+        log_rate_hz: None,
+        log_source: false,
         method,
         settings: Settings { hidden: Hidden::Count(6), ..Settings::default() },
         iterations: 4,

@@ -9,22 +9,6 @@ function turnFor(up) {
   return [[b, 1], [axis, sign], [a, sign]];
 }
 
-/** The axis that most likely points up where the file does not say: the one along which a body stands on 0. z, if in doubt. */
-function guessUp(take) {
-  const stride = Math.max(1, Math.floor(take.state.length / 20000));
-  const values = [[], [], []];
-  for (let i = 0; i < take.state.length; i += stride) {
-    if (Number.isNaN(take.mm[3 * i])) continue;
-    for (let k = 0; k < 3; k++) values[k].push(take.mm[3 * i + k]);
-  }
-  const stands = values.map((along) => {
-    along.sort((a, b) => a - b);
-    const at = (share) => along[Math.floor(share * (along.length - 1))];
-    return along.length > 0 && at(0.01) > -150 && at(0.01) < 400 && at(0.5) > 300 && at(0.99) < 3000;
-  });
-  return stands[1] && !stands[2] ? "+y" : stands[0] && !stands[1] && !stands[2] ? "+x" : "+z";
-}
-
 /** Turns a position in mm into the scene; writes 3 numbers at `to`. */
 function place(turn, mm, from, out, to) {
   for (let k = 0; k < 3; k++) out[to + k] = (turn[k][1] * mm[from + turn[k][0]]) / 1000;

@@ -1,6 +1,6 @@
 // What the file holds: the model as JSON, the positions as streams of integers. `src/page/positions.rs` packs what is unpacked here.
 
-const OBSERVED = 0, FILLED = 1, MISSING = 2, NOT_LOGGED = 3;
+const OBSERVED = 0, FILLED = 1, MISSING = 2;
 
 /** The bytes of one of the document's data blocks. */
 async function inflate(id) {
@@ -57,44 +57,35 @@ function unpackTake(model, bytes) {
   for (let frame = -1; streams.frames.more; ) shown.push((frame += streams.frames.next()));
 
   const count = markers.length * frames;
-  const state = new Uint8Array(count).fill(NOT_LOGGED);
+  const state = new Uint8Array(count);
   const mm = new Float32Array(3 * count).fill(NaN);
   const sigma = new Float32Array(count).fill(NaN);
-  const known = new Int32Array(shown.length);
-  for (let marker = 0; marker < markers.length; marker++) {
-    const row = marker * frames;
-    let knowns = 0;
-    for (let slot = 0; slot < shown.length; ) {
-      const value = streams.states.next();
-      for (let left = streams.states.next(); left > 0; left--, slot++) {
-        state[row + shown[slot]] = value;
-        known[slot] = value;
-        knowns += value !== MISSING;
-      }
-    }
-    if (knowns === 0) continue;
-    for (let axis = 0; axis < 3; axis++) {
-      const stream = streams["xyz"[axis]];
+  for (let at = 0; at < count; ) {
+    const value = streams.states.next(), run = streams.states.next();
+    state.fill(value, at, at + run);
+    at += run;
+  }
+  for (let axis = 0; axis < 3; axis++) {
+    const stream = streams["xyz"[axis]];
+    for (let marker = 0; marker < markers.length; marker++) {
       let last = 0, move = 0;
-      for (let slot = 0; slot < shown.length; slot++) {
-        if (known[slot] === MISSING) {
+      for (const frame of shown) {
+        const at = marker * frames + frame;
+        if (state[at] === MISSING) {
           move = 0;
           continue;
         }
         move += stream.next();
         last += move;
-        mm[3 * (row + shown[slot]) + axis] = last * model.position_step_mm;
+        mm[3 * at + axis] = last * model.position_step_mm;
       }
     }
   }
   let last = 0;
-  for (let marker = 0; marker < markers.length; marker++) {
-    for (const frame of shown) {
-      const at = marker * frames + frame;
-      if (state[at] !== FILLED) continue;
-      last += streams.sigma.next();
-      if (last > 0) sigma[at] = (last - 1) * model.sigma_step_mm;
-    }
+  for (let at = 0; at < count; at++) {
+    if (state[at] !== FILLED) continue;
+    last += streams.sigma.next();
+    if (last > 0) sigma[at] = (last - 1) * model.sigma_step_mm;
   }
   const raw = new Map();
   const entry = [0, 0, 0, 0, 0];

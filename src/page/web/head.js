@@ -50,7 +50,7 @@ function head({ model, take, gaps, bones }) {
     `${counted(about.frames, "frame")} at ${short(about.rate_hz)} Hz`,
     seconds(about.frames / about.rate_hz),
     take.prefix ? `subject ${take.prefix.slice(0, -1)}` : null,
-    about.up ? `${about.up.replace("+", "")} up` : null,
+    about.up && !about.up_guessed ? `${about.up.replace("+", "")} up` : null,
     gaps.length > 0 ? `repaired by ${model.method}` : null,
   ];
   const longest = gaps.reduce((best, gap) => (!best || gap.frames > best.frames ? gap : best), null);
@@ -138,7 +138,7 @@ function suspects({ model, take }) {
       el("td", {}, s.kind.charAt(0).toUpperCase() + s.kind.slice(1)),
       el("td", {}, el("button", { type: "button", className: "plain link", onclick: () => jump(take, s.start, { marker: s.marker }) }, take.markers[s.marker] + (s.other === null ? "" : ` ↔ ${take.markers[s.other]}`))),
       el("td", { className: "number" }, s.frames > 1 ? `${take.label(s.start)} – ${take.label(s.start + s.frames - 1)}` : String(take.label(s.start))),
-      el("td", { className: "number" }, s.size_mm === null ? "" : mm(s.size_mm)),
+      el("td", { className: "number" }, mm(s.size_mm)),
       el("td", {}, s.dropped ? "dropped and filled" : "kept as measured"),
       el("td", {}, s.text)));
   return section("suspects", "Suspicious samples", "Measured, but no body moves like this.",

@@ -43,7 +43,7 @@ function toggle(text, title, on, change) {
 }
 
 function player({ model, take, gaps }) {
-  const up = model.take.up || guessUp(take);
+  const up = model.take.up || "+z";
   const view = new View(take, turnFor(up));
   const figure = new Figure(take, view.turn, view.floor);
   const show = { sigma: true, raw: false, labels: true, floor: true };
@@ -267,7 +267,7 @@ function player({ model, take, gaps }) {
     set({ speed: SPEEDS[Math.max(0, Math.min(SPEEDS.length - 1, at + by))] });
   }
 
-  const upright = !model.take.up && el("select", { "aria-label": "The axis that points up", title: "The file does not say which axis points up" },
+  const upright = (!model.take.up || model.take.up_guessed) && el("select", { "aria-label": "The axis that points up", title: "The file does not say which axis points up" },
     ["+x", "+y", "+z", "-x", "-y", "-z"].map((axis) => el("option", { value: axis, selected: axis === up }, `${axis.replace("+", "").replace("-", "−")} up`)));
   if (upright) {
     upright.addEventListener("change", () => {
@@ -357,7 +357,7 @@ function missingStrip(take) {
     node.width = width * dpr;
     node.height = height * dpr;
     const filled = new Float32Array(width), open = new Float32Array(width);
-    for (const frame of take.shown) {
+    for (let frame = 0; frame < take.frames; frame++) {
       let f = 0, o = 0;
       for (let marker = 0; marker < take.markers.length; marker++) {
         const s = take.state[take.at(marker, frame)];

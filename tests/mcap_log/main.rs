@@ -1,8 +1,10 @@
 //! The MCAP log: what a reader finds in it, and what is left on the disk when a run ends early.
 #![allow(clippy::unwrap_used)] // a test that cannot open its own file has failed
 
-use formats::{Marker, Origin, Take, TakeBuilder};
-use mocap_repair::log::{About, Attachment, Closing, LogError, METADATA, McapLog, schema};
+mod frames;
+
+use formats::{Direction, Marker, Origin, Take, TakeBuilder};
+use mocap_repair::log::{About, Attachment, Closing, LogError, METADATA, McapLog, Up, schema};
 use mocap_repair::solve::{self, Bone, Estimate, Limits, Problem, Progress, SolveError, Solver};
 use prost::Message;
 use std::collections::BTreeMap;
@@ -95,6 +97,8 @@ fn about() -> About {
         frames: 4,
         markers: 3,
         bones: 3,
+        up: Up::Stated(Direction::PLUS_Z),
+        unit: "mm".into(),
         seed: 7,
         method: "lds".into(),
         options: vec![("max-iterations".into(), "5".into())],
@@ -102,10 +106,11 @@ fn about() -> About {
     }
 }
 
-fn closing() -> Closing {
+fn closing() -> Closing<'static> {
     Closing {
         results: vec![("filled".into(), "3".into())],
         attachments: vec![Attachment { name: "report.json".into(), media_type: "application/json".into(), bytes: b"{}".to_vec() }],
+        ..Closing::default()
     }
 }
 
@@ -122,7 +127,7 @@ fn write(path: &Path) -> Vec<u8> {
     drive(&mut log, scripts());
     let written = log.finish(&closing()).unwrap();
     let bytes = std::fs::read(path).unwrap();
-    assert_eq!((written.messages, written.bytes), (8, bytes.len() as u64));
+    assert_eq!((written.messages, written.bytes), (14, bytes.len() as u64), "two per iteration, two per stage");
     bytes
 }
 
@@ -138,8 +143,25 @@ fn metadata(bytes: &[u8]) -> BTreeMap<String, String> {
 type Timed<M> = Vec<(u64, M)>;
 
 /// All messages, decoded.
-fn messages(bytes: &[u8]) -> (Timed<schema::EmLikelihood>, Timed<schema::EmBoneResiduals>) {
-    let (mut likelihoods, mut residuals) = (Vec::new(), Vec::new());
+#[derive(Debug, Default)]
+struct Told {
+    likelihoods: Timed<schema::EmLikelihood>,
+    residuals: Timed<schema::EmBoneResiduals>,
+    lengths: Timed<schema::BoneLengths>,
+    states: Timed<schema::MarkerStates>,
+    raw: Timed<schema::foxglove::PointCloud>,
+    repaired: Timed<schema::foxglove::PointCloud>,
+    scenes: Timed<schema::foxglove::SceneUpdate>,
+    events: Timed<schema::foxglove::Log>,
+    axes: Timed<schema::foxglove::FrameTransforms>,
+}
+
+fn messages(bytes: &[u8]) -> Told {
+    fn put<M: Message + Default>(list: &mut Timed<M>, message: &mcap::Message<'_>) {
+        assert_eq!(message.sequence as usize, list.len(), "{}", message.channel.topic);
+        list.push((message.log_time, M::decode(&message.data[..]).unwrap()));
+    }
+    let mut told = Told::default();
     let mut latest = 0;
     for message in mcap::MessageStream::new(bytes).unwrap() {
         let message = message.unwrap();
@@ -149,18 +171,19 @@ fn messages(bytes: &[u8]) -> (Timed<schema::EmLikelihood>, Timed<schema::EmBoneR
         let schema = message.channel.schema.as_ref().unwrap();
         assert_eq!(schema.encoding, "protobuf");
         match (message.channel.topic.as_str(), schema.name.as_str()) {
-            ("/em/likelihood", "mocap_repair.EmLikelihood") => {
-                assert_eq!(message.sequence as usize, likelihoods.len());
-                likelihoods.push((latest, schema::EmLikelihood::decode(&message.data[..]).unwrap()));
-            }
-            ("/em/bone_residuals", "mocap_repair.EmBoneResiduals") => {
-                assert_eq!(message.sequence as usize, residuals.len());
-                residuals.push((latest, schema::EmBoneResiduals::decode(&message.data[..]).unwrap()));
-            }
+            ("/em/likelihood", "mocap_repair.EmLikelihood") => put(&mut told.likelihoods, &message),
+            ("/em/bone_residuals", "mocap_repair.EmBoneResiduals") => put(&mut told.residuals, &message),
+            ("/take/bone_lengths", "mocap_repair.BoneLengths") => put(&mut told.lengths, &message),
+            ("/take/marker_state", "mocap_repair.MarkerStates") => put(&mut told.states, &message),
+            ("/markers/raw", "foxglove.PointCloud") => put(&mut told.raw, &message),
+            ("/markers/repaired", "foxglove.PointCloud") => put(&mut told.repaired, &message),
+            ("/skeleton", "foxglove.SceneUpdate") => put(&mut told.scenes, &message),
+            ("/log", "foxglove.Log") => put(&mut told.events, &message),
+            ("/tf", "foxglove.FrameTransforms") => put(&mut told.axes, &message),
             other => panic!("{other:?}"),
         }
     }
-    (likelihoods, residuals)
+    told
 }
 
 /// Every iteration as (stage, iteration, iteration of the log, ns).
@@ -169,7 +192,7 @@ const TICKS: [(u32, u32, u32, u64); 4] = [(0, 0, 0, 0), (0, 1, 1, 16_683_350), (
 #[test]
 fn likelihoods_are_those_of_the_solver() {
     let folder = tempfile::tempdir().unwrap();
-    let (likelihoods, _) = messages(&write(&folder.path().join("walk.mcap")));
+    let likelihoods = messages(&write(&folder.path().join("walk.mcap"))).likelihoods;
     let ticks: Vec<_> = likelihoods.iter().map(|(t, m)| (m.stage, m.iteration, m.iteration_of_log, *t)).collect();
     assert_eq!(ticks, TICKS);
     for (log_time, m) in &likelihoods {
@@ -189,7 +212,7 @@ fn likelihoods_are_those_of_the_solver() {
 #[test]
 fn bone_residuals_are_those_of_the_estimate() {
     let folder = tempfile::tempdir().unwrap();
-    let (_, residuals) = messages(&write(&folder.path().join("walk.mcap")));
+    let residuals = messages(&write(&folder.path().join("walk.mcap"))).residuals;
     let ticks: Vec<_> = residuals.iter().map(|(t, m)| (m.stage, m.iteration, m.iteration_of_log, *t)).collect();
     assert_eq!(ticks, TICKS);
     for (_, m) in &residuals {
@@ -260,16 +283,30 @@ fn a_schema_is_its_message_with_everything_it_imports() {
     let bytes = write(&folder.path().join("walk.mcap"));
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     let schemas: BTreeMap<_, _> = summary.schemas.values().map(|s| (s.name.clone(), s)).collect();
-    assert_eq!(schemas.keys().collect::<Vec<_>>(), ["mocap_repair.EmBoneResiduals", "mocap_repair.EmLikelihood"]);
+    let names = [
+        "foxglove.FrameTransforms",
+        "foxglove.Log",
+        "foxglove.PointCloud",
+        "foxglove.SceneUpdate",
+        "mocap_repair.BoneLengths",
+        "mocap_repair.EmBoneResiduals",
+        "mocap_repair.EmLikelihood",
+        "mocap_repair.MarkerStates",
+    ];
+    assert_eq!(schemas.keys().collect::<Vec<_>>(), names);
     for (name, schema) in schemas {
         let set = prost_types::FileDescriptorSet::decode(&schema.data[..]).unwrap();
         let files: Vec<&str> = set.file.iter().map(prost_types::FileDescriptorProto::name).collect();
-        let message = name.strip_prefix("mocap_repair.").unwrap();
-        assert_eq!(files, ["google/protobuf/timestamp.proto".to_owned(), format!("mocap_repair/{message}.proto")]);
-        for file in &set.file {
-            assert!(file.dependency.iter().all(|d| files.contains(&d.as_str())), "{file:?}");
-        }
-        assert!(set.file[1].message_type.iter().any(|m| m.name() == message) && set.file[1].package() == "mocap_repair");
+        let (package, message) = name.split_once('.').unwrap();
+        assert_eq!(files.last(), Some(&format!("{package}/{message}.proto").as_str()), "{name}");
+        let mut imported: Vec<&str> = set.file.iter().flat_map(|f| f.dependency.iter().map(String::as_str)).collect();
+        imported.sort_unstable();
+        imported.dedup();
+        let mut others = files[..files.len() - 1].to_vec();
+        others.sort_unstable();
+        assert_eq!(others, imported, "{name}: what is imported, and nothing else");
+        let own = set.file.last().unwrap();
+        assert!(own.message_type.iter().any(|m| m.name() == message) && own.package() == package);
     }
 }
 
@@ -310,7 +347,7 @@ fn timings_are_written_when_asked_for() {
     let mut log = McapLog::create(&path, About { timings: true, ..about() }).unwrap();
     drive(&mut log, scripts());
     log.finish(&closing()).unwrap();
-    let elapsed: Vec<f64> = messages(&std::fs::read(&path).unwrap()).0.iter().map(|(_, m)| m.elapsed_s).collect();
+    let elapsed: Vec<f64> = messages(&std::fs::read(&path).unwrap()).likelihoods.iter().map(|(_, m)| m.elapsed_s).collect();
     assert!(elapsed[0] > 0.0 && elapsed.is_sorted(), "{elapsed:?}");
 }
 
@@ -321,10 +358,12 @@ fn a_method_without_a_likelihood_has_no_messages_but_a_log() {
     let mut log = McapLog::create(&path, About { method: "linear".into(), ..about() }).unwrap();
     let mut linear = Script::new("linear", &[(None, None, [1.0; 3])]);
     solve::run(&mut linear, &problem(), 0, &Limits { steps: 1, tolerance: 0.0, still_mm: 0.0, interrupt: None }, &mut log);
-    assert_eq!(log.finish(&Closing::default()).unwrap().messages, 0);
+    log.finish(&Closing::default()).unwrap();
     let bytes = std::fs::read(&path).unwrap();
+    let Told { likelihoods, residuals, events, .. } = messages(&bytes);
+    assert_eq!((likelihoods.len(), residuals.len(), events.len()), (0, 0, 2));
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
-    assert_eq!((summary.stats.unwrap().message_count, summary.channels.len()), (0, 2));
+    assert_eq!((summary.stats.unwrap().message_count, summary.channels.len()), (2, 9));
     let found = metadata(&bytes);
     assert_eq!((found["method"].as_str(), found["stage.0.method"].as_str(), found["iterations"].as_str()), ("linear", "linear", "0"));
 }
@@ -337,10 +376,10 @@ fn many_iterations_fill_many_chunks() {
     let mut log = McapLog::create(&path, about()).unwrap();
     let limits = Limits { steps: u32::MAX, tolerance: 0.0, still_mm: 0.0, interrupt: None };
     solve::run(&mut Script::new("lds", &steps), &problem(), 0, &limits, &mut log);
-    assert_eq!(log.finish(&Closing::default()).unwrap().messages, 16_000);
+    assert_eq!(log.finish(&Closing::default()).unwrap().messages, 16_002);
     let bytes = std::fs::read(&path).unwrap();
     assert!(mcap::Summary::read(&bytes).unwrap().unwrap().chunk_indexes.len() > 1);
-    let (likelihoods, residuals) = messages(&bytes);
+    let Told { likelihoods, residuals, .. } = messages(&bytes);
     assert_eq!((likelihoods.len(), residuals.len()), (8000, 8000));
     assert_eq!(likelihoods[5994].0, 100_000_000_000, "5994 iterations at 59.94 Hz");
 }

@@ -1,0 +1,115 @@
+//! Why a take could not be read, repaired or written.
+
+use crate::bones::BonesError;
+use crate::log::LogReadError;
+use crate::missing::MissingError;
+use crate::verify::Broken;
+use formats::{DetectError, FormatError};
+use std::path::PathBuf;
+
+/// Why a take could not be repaired. Every text begins with the file it is about.
+#[derive(Debug, thiserror::Error)]
+pub enum RepairError {
+    /// A file could not be read or written.
+    #[error("{path}: {problem}", path = .path.display())]
+    Io {
+        /// Which.
+        path: PathBuf,
+        /// What was found, what was expected, the way out.
+        problem: String,
+    },
+    /// The format is not known.
+    #[error("{path}: {error}", path = .path.display())]
+    Detect {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        error: DetectError,
+    },
+    /// The content is not right, or cannot be written.
+    #[error("{path}: {error}", path = .path.display())]
+    Format {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        error: FormatError,
+    },
+    /// The bones cannot be used.
+    #[error("{path}: {error}", path = .path.display())]
+    Bones {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        error: BonesError,
+    },
+    /// The samples stated to be missing cannot be found.
+    #[error("{path}: {error}", path = .path.display())]
+    Missing {
+        /// The take.
+        path: PathBuf,
+        /// Why.
+        error: MissingError,
+    },
+    /// A take is to be turned, and nobody says from where.
+    #[error("{path}: does not say which axis points up, so it cannot be turned; say it with --from-up", path = .path.display())]
+    NoUp {
+        /// The take.
+        path: PathBuf,
+    },
+    /// A pattern fits no marker.
+    #[error("{path}: --markers {pattern} fits no marker; the take has {labels}", path = .path.display())]
+    NoSuchMarker {
+        /// The take.
+        path: PathBuf,
+        /// The pattern.
+        pattern: String,
+        /// What the take has.
+        labels: String,
+    },
+    /// The written file is not what it should be.
+    #[error("{path}: {error}", path = .path.display())]
+    Verify {
+        /// The output.
+        path: PathBuf,
+        /// What differs.
+        error: Broken,
+    },
+    /// A log cannot be used.
+    #[error("{path}: {error}", path = .path.display())]
+    Log {
+        /// The log.
+        path: PathBuf,
+        /// Why.
+        error: LogReadError,
+    },
+    /// The solver broke down.
+    #[error("{path}: {method} failed: {problem}; try --method spline, or fewer hidden dimensions with --hidden{log}", path = .path.display())]
+    Solve {
+        /// The take.
+        path: PathBuf,
+        /// Which method.
+        method: &'static str,
+        /// What broke.
+        problem: String,
+        /// What was left.
+        log: Left,
+    },
+    /// Somebody stopped it.
+    #[error("{path}: interrupted, no take was written{log}", path = .path.display())]
+    Interrupted {
+        /// The take.
+        path: PathBuf,
+        /// What was left.
+        log: Left,
+    },
+}
+
+/// The log that a repair left which came to nothing, if it left one.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Left(pub Option<PathBuf>);
+
+impl std::fmt::Display for Left {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.as_ref().map_or(Ok(()), |log| write!(f, "; {} shows how far it came", log.display()))
+    }
+}

@@ -1,0 +1,207 @@
+//! A layout for Foxglove and Lichtblick: how the log of this take is best looked at.
+//!
+//! Both viewers read the same JSON. Elements of lists are named by their places, since labels may hold anything, and get their labels as titles.
+//! X and y of a curve must belong to different topics, hence the two topics of each iteration.
+
+use super::channels::Channel;
+use super::mcap::{About, Attachment};
+use super::metadata::Stage;
+use super::names::{self, unique};
+use super::{FRAME_ID, ROOM_ID, Shown, axes, frames};
+use formats::Origin;
+use serde_json::{Value, json};
+
+/// Name of the attachment.
+pub const NAME: &str = "layout.json";
+
+/// The most curves in one plot: more cannot be told apart.
+const MOST_CURVES: usize = 16;
+
+/// The most markers whose states are shown.
+const MOST_STATES: usize = 40;
+
+/// The attachment.
+pub(super) fn attachment(about: &About, shown: &Shown<'_>, stages: &[Stage]) -> Attachment {
+    let bytes = serde_json::to_vec_pretty(&layout(about, shown, stages)).unwrap_or_default(); // a `Value` always becomes text
+    Attachment { name: NAME.to_owned(), media_type: "application/json".to_owned(), bytes }
+}
+
+fn layout(about: &About, shown: &Shown<'_>, stages: &[Stage]) -> Value {
+    let panels = [
+        ("3D!take", space(about, shown)),
+        ("Plot!likelihood", titled("Log-likelihood of each iteration", likelihood(stages))),
+        ("Plot!residuals", titled("Bone residuals in filled frames, mm", residuals(shown))),
+        ("Plot!lengths", titled("Bone lengths minus their means, mm", lengths(shown))),
+        ("StateTransitions!markers", titled("Markers: observed, filled, missing", states(shown))),
+        ("RosOut!log", titled("Log", json!({ "topicToRender": Channel::Log.topic(), "searchTerms": [], "minLogLevel": 1 }))),
+        ("RawMessages!likelihood", titled("Iteration", json!({ "topicPath": Channel::Likelihood.topic(), "diffEnabled": false }))),
+    ];
+    let pair = |direction: &str, percent: u32, first: Value, second: Value| json!({ "direction": direction, "splitPercentage": percent, "first": first, "second": second });
+    let left = pair("column", 62, json!("3D!take"), json!("StateTransitions!markers"));
+    let below = pair("row", 70, json!("RosOut!log"), json!("RawMessages!likelihood"));
+    let curves = pair("column", 50, json!("Plot!likelihood"), json!("Plot!residuals"));
+    let right = pair("column", 55, curves, pair("column", 55, json!("Plot!lengths"), below));
+    json!({
+        "configById": panels.into_iter().map(|(id, config)| (id.to_owned(), config)).collect::<serde_json::Map<_, _>>(),
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": { "speed": 1 },
+        "layout": pair("row", 50, left, right),
+    })
+}
+
+/// Each viewer looks for a panel's title under a name of its own.
+fn titled(title: &str, mut config: Value) -> Value {
+    config["foxglovePanelTitle"] = json!(title);
+    config["lichtblickPanelTitle"] = json!(title);
+    config
+}
+
+/// Clouds and skeleton, seen from the side, with everything in view.
+fn space(about: &About, shown: &Shown<'_>) -> Value {
+    let turned = axes::transform(about.up).is_some();
+    let (centre, size) = extent(about, shown);
+    let cloud = |size: u32| json!({ "visible": true, "colorMode": "rgba-fields", "pointShape": "circle", "pointSize": size });
+    titled(
+        "Take",
+        json!({
+            "cameraState": {
+                "perspective": true, "distance": (size * 1.6).max(2.0), "phi": 70, "thetaOffset": 45, "targetOffset": centre,
+                "target": [0, 0, 0], "targetOrientation": [0, 0, 0, 1], "fovy": 45, "near": 0.01, "far": 5000
+            },
+            "followMode": "follow-none",
+            "followTf": if turned { ROOM_ID } else { FRAME_ID },
+            "scene": { "transforms": { "visible": false, "labelSize": 0 } },
+            "topics": {
+                Channel::Raw.topic(): cloud(5),
+                Channel::Repaired.topic(): cloud(7),
+                Channel::Skeleton.topic(): { "visible": true },
+            },
+            "layers": { "grid": {
+                "layerId": "foxglove.Grid", "instanceId": "grid", "label": "Floor", "visible": true, "order": 1, "size": 10, "divisions": 20,
+                "lineWidth": 1, "color": "#80808080", "position": [0, 0, 0], "rotation": [0, 0, 0],
+                "frameId": if turned { ROOM_ID } else { FRAME_ID }
+            } },
+        }),
+    )
+}
+
+/// Centre of the take in the room and its largest size, in metres.
+fn extent(about: &About, shown: &Shown<'_>) -> ([f64; 3], f64) {
+    let take = shown.repaired.unwrap_or(shown.raw);
+    let stride = take.frames().div_ceil(300).max(1);
+    let mut sides: [Vec<f64>; 3] = Default::default();
+    for frame in (0..take.frames()).step_by(stride) {
+        for &column in &frames::columns(take) {
+            for (side, x) in sides.iter_mut().zip(take.position_mm(frame, column).into_iter().flatten()) {
+                side.push(x * 1e-3);
+            }
+        }
+    }
+    // a ghost in a corner of the room must not push the body out of the picture
+    let (mut centre, mut size) = ([0.0; 3], 0.0f64);
+    for (middle, side) in centre.iter_mut().zip(&mut sides) {
+        side.sort_by(f64::total_cmp);
+        let at = |share: f64| side.get((share * side.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(0.0);
+        *middle = f64::midpoint(at(0.02), at(0.98));
+        size = size.max(at(0.98) - at(0.02));
+    }
+    let room = match about.up.direction() {
+        Some(up) => axes::in_room(up, centre),
+        None => centre,
+    };
+    (room.map(|x| (x * 1000.0).round() / 1000.0), (size * 1000.0).round() / 1000.0)
+}
+
+fn plot(x_path: Option<&str>, curves: &[Value]) -> Value {
+    let mut config = json!({
+        "paths": curves, "showLegend": true, "legendDisplay": "floating", "showPlotValuesInLegend": false, "showXAxisLabels": true,
+        "showYAxisLabels": true, "isSynced": x_path.is_none(), "xAxisVal": if x_path.is_some() { "custom" } else { "timestamp" },
+        "sidebarDimension": 240
+    });
+    if let Some(path) = x_path {
+        config["xAxisPath"] = json!({ "value": path, "enabled": true });
+    }
+    config
+}
+
+fn curve(path: &str, label: &str) -> Value {
+    json!({ "value": path, "enabled": true, "timestampMethod": "receiveTime", "label": label })
+}
+
+/// A plot has one path for x, so the stages share the counter that runs over all of them.
+fn likelihood(stages: &[Stage]) -> Value {
+    let (y, x) = (Channel::Likelihood.topic(), Channel::BoneResiduals.topic());
+    // likelihoods of different models cannot be compared: the last one is the one that matters, and the x of a stage needs that stage's y
+    let with: Vec<&Stage> = stages.iter().filter(|stage| stage.likelihood).collect();
+    match with.last() {
+        Some(stage) if with.len() > 1 => plot(
+            Some(&format!("{x}{{stage=={}}}.iteration", stage.number)),
+            &[curve(&format!("{y}{{stage=={}}}.log_likelihood", stage.number), stage.method)],
+        ),
+        Some(stage) => plot(Some(&format!("{x}.iteration")), &[curve(&format!("{y}.log_likelihood"), stage.method)]),
+        None => plot(Some(&format!("{x}.iteration")), &[curve(&format!("{y}.log_likelihood"), "no likelihood")]),
+    }
+}
+
+fn residuals(shown: &Shown<'_>) -> Value {
+    let labels = names::bones(shown.raw, shown.bones);
+    let curves: Vec<Value> = worst_bones(shown)
+        .into_iter()
+        .map(|bone| curve(&format!("{}.bones[{bone}].value", Channel::BoneResiduals.topic()), &labels[bone]))
+        .collect();
+    plot(Some(&format!("{}.iteration_of_log", Channel::Likelihood.topic())), &curves)
+}
+
+fn lengths(shown: &Shown<'_>) -> Value {
+    let labels = names::bones(shown.raw, shown.bones);
+    let curves: Vec<Value> = worst_bones(shown)
+        .into_iter()
+        .map(|bone| curve(&format!("{}.bones[{bone}].error_mm", Channel::BoneLengths.topic()), &labels[bone]))
+        .collect();
+    plot(None, &curves)
+}
+
+/// The bones that are farthest from their lengths in filled frames, worst first; if nothing was filled, those that vary most.
+fn worst_bones(shown: &Shown<'_>) -> Vec<usize> {
+    let take = shown.repaired.unwrap_or(shown.raw);
+    let mut order: Vec<(f64, usize)> = shown
+        .bones
+        .iter()
+        .enumerate()
+        .map(|(at, bone)| {
+            let off = (0..take.frames())
+                .filter(|&frame| [bone.a, bone.b].iter().any(|&end| take.origin(frame, end) == Origin::Repaired))
+                .filter_map(|frame| {
+                    let (a, b) = (take.position_mm(frame, bone.a)?, take.position_mm(frame, bone.b)?);
+                    Some(((0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt() - bone.length_mm).abs())
+                })
+                .fold(-1.0, f64::max);
+            // below all that were filled
+            (if off < 0.0 { bone.spread_mm - 1e9 } else { off }, at)
+        })
+        .collect();
+    order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    order.truncate(MOST_CURVES);
+    order.into_iter().map(|(_, at)| at).collect()
+}
+
+/// The markers that were filled or are missing, most frames first; a take without gaps shows its first markers.
+fn states(shown: &Shown<'_>) -> Value {
+    let take = shown.repaired.unwrap_or(shown.raw);
+    let columns = frames::columns(take);
+    let labels = unique(columns.iter().map(|&column| take.display_label(column)));
+    let touched =
+        |column: usize| (0..take.frames()).filter(|&f| matches!(take.origin(f, column), Origin::Repaired | Origin::Missing)).count();
+    let mut order: Vec<(usize, usize)> = columns.iter().enumerate().map(|(place, &column)| (touched(column), place)).collect();
+    if order.iter().any(|(frames, _)| *frames > 0) {
+        order.retain(|(frames, _)| *frames > 0);
+    }
+    order.sort_by_key(|&(frames, place)| (std::cmp::Reverse(frames), place));
+    order.truncate(MOST_STATES);
+    let paths: Vec<Value> = order
+        .into_iter()
+        .map(|(_, place)| curve(&format!("{}.markers[{place}].value", Channel::MarkerState.topic()), &labels[place]))
+        .collect();
+    json!({ "paths": paths, "isSynced": true })
+}

@@ -1,0 +1,108 @@
+//! The bones of one frame as lines, and what was filled as balls with labels: both are drawn by viewers as they are.
+
+use super::cloud::{FILLED, OBSERVED, Rgba};
+use super::schema::foxglove::{
+    Color, KeyValuePair, LinePrimitive, Point3, Pose, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, TextPrimitive, Vector3,
+    line_primitive,
+};
+use super::{FRAME_ID, Look};
+use crate::solve::Bone;
+use formats::{Origin, Take};
+use prost_types::{Duration, Timestamp};
+
+/// A pose that moves and turns nothing. A quaternion of zeros would make viewers refuse the whole thing.
+pub(super) const IDENTITY: Pose =
+    Pose { position: Some(Vector3 { x: 0.0, y: 0.0, z: 0.0 }), orientation: Some(Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }) };
+
+/// Pixels.
+const LINE_WIDTH: f64 = 2.0;
+/// Pixels.
+const FONT_SIZE: f64 = 12.0;
+/// Balls are as large as the predicted error, within these limits, in metres.
+const RADII: (f64, f64) = (0.012, 0.25);
+
+fn color(rgba: Rgba, opaque: f64) -> Color {
+    let [r, g, b, _] = rgba.map(|byte| f64::from(byte) / 255.0);
+    Color { r, g, b, a: opaque }
+}
+
+fn metres(p: [f64; 3]) -> [f64; 3] {
+    p.map(|x| x * 1e-3)
+}
+
+fn at(p: [f64; 3]) -> Pose {
+    let [x, y, z] = metres(p);
+    Pose { position: Some(Vector3 { x, y, z }), ..IDENTITY }
+}
+
+fn entity(id: &str, time: Timestamp) -> SceneEntity {
+    SceneEntity {
+        timestamp: Some(time),
+        frame_id: FRAME_ID.to_owned(),
+        id: id.to_owned(),
+        lifetime: Some(Duration::default()), // it stays until the next frame replaces it
+        ..SceneEntity::default()
+    }
+}
+
+/// The skeleton and the filled markers of a frame.
+pub(super) fn scene(time: Timestamp, take: &Take, look: &Look<'_>, bones: &[Bone]) -> SceneUpdate {
+    SceneUpdate { deletions: Vec::new(), entities: vec![lines(time, take, look, bones), balls(time, take, look)] }
+}
+
+/// Every bone whose two ends are known. A line runs from the colour of one end to that of the other.
+fn lines(time: Timestamp, take: &Take, look: &Look<'_>, bones: &[Bone]) -> SceneEntity {
+    let mut points = Vec::new();
+    let mut colors = Vec::new();
+    let mut place_of = vec![None; take.markers.len()];
+    for &column in look.columns {
+        let Some(p) = take.position_mm(look.frame, column) else { continue };
+        let [x, y, z] = metres(p);
+        place_of[column] = Some(points.len() as u32);
+        points.push(Point3 { x, y, z });
+        let filled = take.origin(look.frame, column) == Origin::Repaired;
+        colors.push(if filled { color(FILLED, 1.0) } else { color(OBSERVED, 0.6) });
+    }
+    let ends = |bone: &Bone| Some([place_of.get(bone.a).copied()??, place_of.get(bone.b).copied()??]);
+    let indices: Vec<u32> = bones.iter().filter_map(ends).flatten().collect();
+    let mut entity = entity("skeleton", time);
+    if !indices.is_empty() {
+        entity.lines.push(LinePrimitive {
+            r#type: line_primitive::Type::LineList.into(),
+            pose: Some(IDENTITY),
+            thickness: LINE_WIDTH,
+            scale_invariant: true,
+            points,
+            color: None,
+            colors,
+            indices,
+        });
+    }
+    entity
+}
+
+/// A ball of the size of its predicted error and a label for every filled marker; the same numbers as metadata, which viewers show on a click.
+fn balls(time: Timestamp, take: &Take, look: &Look<'_>) -> SceneEntity {
+    let mut entity = entity("filled", time);
+    for (k, &column) in look.columns.iter().enumerate() {
+        if take.origin(look.frame, column) != Origin::Repaired {
+            continue;
+        }
+        let Some(p) = take.position_mm(look.frame, column) else { continue };
+        let sigma_mm = look.sigma_mm[k];
+        let radius = if sigma_mm.is_finite() { (sigma_mm * 1e-3).clamp(RADII.0, RADII.1) } else { RADII.0 };
+        let size = Some(Vector3 { x: 2.0 * radius, y: 2.0 * radius, z: 2.0 * radius });
+        entity.spheres.push(SpherePrimitive { pose: Some(at(p)), size, color: Some(color(FILLED, 0.35)) });
+        let told = if sigma_mm.is_finite() { format!("±{sigma_mm:.1} mm") } else { "filled".to_owned() };
+        entity.texts.push(TextPrimitive {
+            pose: Some(at(p)),
+            billboard: true,
+            font_size: FONT_SIZE,
+            scale_invariant: true,
+            color: Some(color(FILLED, 1.0)),
+            text: format!("{} {told}", look.labels[k]),
+        });
+        entity.metadata.push(KeyValuePair { key: look.labels[k].clone(), value: told });
+    }
+    entity
+}
