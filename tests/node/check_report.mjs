@@ -128,7 +128,7 @@ for (const [name, { bytes }] of Object.entries(pages)) check(`${name}: below 1 M
   await page.mouse.wheel(0, -400); // the picture has the focus now
   await page.waitForTimeout(200);
   check("the wheel zooms", (await compare(turned, await stage(page))).different > 500);
-  for (const toggle of ["Floor", "±2 σ", "Raw", "Labels"]) {
+  for (const toggle of ["Floor", "Raw", "Labels"]) {
     const was = await stage(page);
     const button = page.locator("#player").getByRole("button", { name: toggle, exact: true });
     const on = await button.getAttribute("aria-pressed");
@@ -270,6 +270,19 @@ for (const name of ["walk", "complete"]) {
   await close();
 }
 
+// Balls of ±2 σ: of a method that is not that sure, or they are smaller than the markers.
+{
+  const { page, close } = await open("occluded");
+  await page.mouse.move(5, 5);
+  const was = await stage(page);
+  await page.getByRole("button", { name: "±2 σ" }).click();
+  await page.mouse.move(5, 5);
+  await page.waitForTimeout(200);
+  check("±2 σ changes the picture", (await compare(was, await stage(page))).different > 100);
+  check("what is left open says why", (await page.locator("button.tile", { hasText: "Left open" }).textContent()).includes("longer than --max-gap"));
+  await close();
+}
+
 // A take without gaps says so and does not pretend.
 {
   const { page, close } = await open("complete");
@@ -297,6 +310,7 @@ for (const name of ["walk", "complete"]) {
 // Names are text.
 {
   const { page, close } = await open("hostile");
+  await page.locator("#map button", { hasText: "more of" }).click();
   const text = await page.locator("body").innerText();
   check("hostile names are shown as they are", text.includes(HOSTILE[0]) && text.includes("<img src=x onerror=document.title='owned'>.csv"), text.slice(0, 400));
   check("hostile names do nothing", !(await page.title()).startsWith("owned") && (await page.locator("body img:not(.still), body script:not([type])").count()) === 3, await page.title());

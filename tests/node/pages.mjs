@@ -26,13 +26,13 @@ export function makePages(program, folder) {
   repair("walk", "walk-gaps.c3d");
   repair("complete", "walk-truth.c3d");
   // 80 % missing, most of it filled, some left open
-  const occluded = ["L*:20-330", "R*:300-690", "*:400-420", "*FIN:1-500", "C7:1-899", "*HD:100-180"].flatMap((what) => ["--missing", what]);
+  const occluded = ["L*:20-330", "R*:300-690", "*:400-420", "*FIN:1-500", "C7:100-880", "*HD:100-180"].flatMap((what) => ["--missing", what]);
   repair("occluded", "walk-gaps.c3d", "--method", "lds", "--iterations", "12", "--max-gap", "380", ...occluded);
   repair("single", "walk-truth.c3d", "--method", "spline", "--missing", "LKNE:300-420");
   const lines = readFileSync(at("walk-gaps.csv"), "utf8").split("\n");
   const markers = ["LKNE", "LTHI", "RTOE", "LWRB", "RFWT"];
   markers.forEach((marker, k) => {
-    lines[0] = lines[0].replaceAll(new RegExp(`"?${marker}-([xyz])"?`, "g"), (_, axis) => `"${HOSTILE[k].replaceAll('"', '""')}-${axis}"`);
+    lines[0] = lines[0].replaceAll(new RegExp(`${marker}-([xyz]) \\(mm\\)`, "g"), (_, axis) => `"${HOSTILE[k].replaceAll('"', '""')}-${axis} (mm)"`);
   });
   const hostile = "<img src=x onerror=document.title='owned'>.csv";
   writeFileSync(at(hostile), lines.join("\n"));
