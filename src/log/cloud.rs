@@ -1,9 +1,10 @@
 //! The markers of one frame as a point cloud.
 
+use super::FRAME_ID;
+use super::frames::Sample;
 use super::schema::foxglove::{PackedElementField, PointCloud, packed_element_field::NumericType};
+use super::schema::marker_states::State;
 use super::skeleton::IDENTITY;
-use super::{FRAME_ID, Look};
-use formats::{Origin, Take};
 use prost_types::Timestamp;
 
 /// Bytes of a point. Numbers of four bytes lie at multiples of four.
@@ -74,12 +75,12 @@ pub(crate) fn points(cloud: &PointCloud) -> Option<Vec<Point>> {
 }
 
 /// Puts the known markers of a frame into `cloud`. `raw`: as the file has them, all of one colour.
-pub(super) fn put(cloud: &mut PointCloud, time: Timestamp, take: &Take, look: &Look<'_>, raw: bool) {
+pub(super) fn put(cloud: &mut PointCloud, time: Timestamp, samples: &[Sample], raw: bool) {
     cloud.timestamp = Some(time);
     cloud.data.clear();
-    for (at, &column) in look.columns.iter().enumerate() {
-        let Some(p) = take.position_mm(look.frame, column) else { continue };
-        let filled = take.origin(look.frame, column) == Origin::Repaired;
+    for (place, sample) in samples.iter().enumerate() {
+        let Some(p) = sample.position_mm else { continue };
+        let filled = sample.state == State::Filled;
         let colour = match (raw, filled) {
             (true, _) => RAW,
             (false, true) => FILLED,
@@ -91,8 +92,7 @@ pub(super) fn put(cloud: &mut PointCloud, time: Timestamp, take: &Take, look: &L
         cloud.data.extend(colour);
         cloud.data.extend([u8::from(filled), 0]);
         // a take of more than 65,535 markers exists in no laboratory
-        cloud.data.extend(u16::try_from(at).unwrap_or(u16::MAX).to_le_bytes());
-        let sigma_mm = if filled { look.sigma_mm[at] } else { 0.0 };
-        cloud.data.extend((sigma_mm as f32).to_le_bytes());
+        cloud.data.extend(u16::try_from(place).unwrap_or(u16::MAX).to_le_bytes());
+        cloud.data.extend((sample.sigma_mm as f32).to_le_bytes());
     }
 }

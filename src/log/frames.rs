@@ -3,6 +3,7 @@
 use super::channels::{Channel, tick_ns, timestamp};
 use super::names::{self, unique};
 use super::schema::foxglove::PointCloud;
+use super::schema::marker_states::State;
 use super::schema::{BoneLengths, MarkerStates, bone_lengths, marker_states};
 use super::{cloud, skeleton};
 use crate::fills::Filled;
@@ -27,12 +28,27 @@ pub struct Shown<'a> {
 
 /// What the parts of one frame are made from. Lists are by place among the shown markers.
 pub(super) struct Look<'a> {
-    pub frame: usize,
-    /// Columns of the take.
-    pub columns: &'a [usize],
     pub labels: &'a [String],
-    /// Predicted standard deviation of what was filled in this frame, mm; NaN elsewhere.
-    pub sigma_mm: &'a [f64],
+    pub samples: &'a [Sample],
+    /// For each column of the take, its place among the shown markers.
+    pub place_of: &'a [Option<usize>],
+}
+
+/// One marker in one frame.
+#[derive(Clone, Copy)]
+pub(super) struct Sample {
+    /// Position, mm, if it is known.
+    pub position_mm: Option<[f64; 3]>,
+    pub state: State,
+    /// Predicted standard deviation, mm: 0 if it was observed, NaN if it is missing or the method cannot say.
+    pub sigma_mm: f64,
+}
+
+impl Look<'_> {
+    /// The two ends of a bone, if both are shown.
+    pub fn ends(&self, bone: &Bone) -> Option<[usize; 2]> {
+        Some([(*self.place_of.get(bone.a)?)?, (*self.place_of.get(bone.b)?)?])
+    }
 }
 
 /// Makes the messages of each frame.
@@ -55,7 +71,7 @@ pub(super) struct Scratch {
     lengths: BoneLengths,
     states: MarkerStates,
     cloud: PointCloud,
-    sigma_mm: Vec<f64>,
+    samples: Vec<Sample>,
 }
 
 impl<'a> Frames<'a> {
@@ -110,7 +126,7 @@ impl<'a> Frames<'a> {
             lengths: BoneLengths { bones: self.bone_labels.iter().map(bone).collect(), ..Default::default() },
             states: MarkerStates { markers: self.labels.iter().map(marker).collect(), ..Default::default() },
             cloud: cloud::empty(),
-            sigma_mm: vec![f64::NAN; self.columns.len()],
+            samples: Vec::with_capacity(self.columns.len()),
         }
     }
 
@@ -119,40 +135,73 @@ impl<'a> Frames<'a> {
         let Shown { raw, repaired, bones, .. } = self.shown;
         let take = repaired.unwrap_or(raw);
         let time = timestamp(tick_ns(frame as u32, self.rate_hz));
-        scratch.sigma_mm.fill(f64::NAN);
+        let in_space = self.in_space(frame);
+        let before = in_space.then(|| {
+            self.look_at(raw, frame, &mut scratch.samples);
+            cloud::put(&mut scratch.cloud, time, &scratch.samples, true);
+            (Channel::Raw, scratch.cloud.encode_to_vec())
+        });
+        self.look_at(take, frame, &mut scratch.samples);
         for &(column, sigma_mm) in &self.filled[self.starts[frame]..self.starts[frame + 1]] {
             if let Some(place) = self.place_of[column] {
-                scratch.sigma_mm[place] = sigma_mm;
+                scratch.samples[place].sigma_mm = sigma_mm;
             }
         }
-        let look = Look { frame, columns: &self.columns, labels: &self.labels, sigma_mm: &scratch.sigma_mm };
-        self.put_lengths(&mut scratch.lengths, time, take, frame);
-        put_states(&mut scratch.states, time, take, &look);
+        let look = Look { labels: &self.labels, samples: &scratch.samples, place_of: &self.place_of };
+        scratch.lengths.timestamp = Some(time);
+        scratch.lengths.frame = number(take, frame);
+        put_lengths(&mut scratch.lengths, &look, bones);
+        scratch.states.timestamp = Some(time);
+        scratch.states.frame = number(take, frame);
+        put_states(&mut scratch.states, look.samples);
         let mut messages =
             vec![(Channel::BoneLengths, scratch.lengths.encode_to_vec()), (Channel::MarkerState, scratch.states.encode_to_vec())];
-        if self.in_space(frame) {
-            cloud::put(&mut scratch.cloud, time, raw, &look, true);
-            messages.push((Channel::Raw, scratch.cloud.encode_to_vec()));
-            if let Some(repaired) = repaired {
-                cloud::put(&mut scratch.cloud, time, repaired, &look, false);
-                messages.push((Channel::Repaired, scratch.cloud.encode_to_vec()));
-            }
-            messages.push((Channel::Skeleton, skeleton::scene(time, take, &look, bones).encode_to_vec()));
+        messages.extend(before);
+        if in_space && repaired.is_some() {
+            cloud::put(&mut scratch.cloud, time, look.samples, false);
+            messages.push((Channel::Repaired, scratch.cloud.encode_to_vec()));
+        }
+        if in_space {
+            messages.push((Channel::Skeleton, skeleton::scene(time, &look, bones).encode_to_vec()));
         }
         messages
     }
 
-    fn put_lengths(&self, lengths: &mut BoneLengths, time: prost_types::Timestamp, take: &Take, frame: usize) {
-        lengths.timestamp = Some(time);
-        lengths.frame = number(take, frame);
-        for (bone, told) in self.shown.bones.iter().zip(&mut lengths.bones) {
-            told.value = match (take.position_mm(frame, bone.a), take.position_mm(frame, bone.b)) {
-                (Some(a), Some(b)) => (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt(),
-                _ => f64::NAN,
+    /// What is known of the shown markers in a frame.
+    fn look_at(&self, take: &Take, frame: usize, samples: &mut Vec<Sample>) {
+        samples.clear();
+        samples.extend(self.columns.iter().map(|&column| {
+            let (state, sigma_mm) = match take.origin(frame, column) {
+                Origin::Missing => (State::Missing, f64::NAN),
+                Origin::Repaired => (State::Filled, f64::NAN),
+                Origin::Measured | Origin::Derived => (State::Observed, 0.0),
             };
-            told.error_mm = told.value - bone.length_mm;
-            told.filled = [bone.a, bone.b].iter().any(|&end| take.origin(frame, end) == Origin::Repaired);
-        }
+            Sample { position_mm: take.position_mm(frame, column), state, sigma_mm }
+        }));
+    }
+}
+
+fn put_lengths(lengths: &mut BoneLengths, look: &Look<'_>, bones: &[Bone]) {
+    for (bone, told) in bones.iter().zip(&mut lengths.bones) {
+        let [a, b] = look.ends(bone).map_or([None; 2], |ends| ends.map(|place| Some(&look.samples[place])));
+        let place = |sample: Option<&Sample>| sample.and_then(|s| s.position_mm);
+        told.value = match (place(a), place(b)) {
+            (Some(a), Some(b)) => (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt(),
+            _ => f64::NAN,
+        };
+        told.error_mm = told.value - bone.length_mm;
+        told.filled = [a, b].into_iter().flatten().any(|sample| sample.state == State::Filled);
+    }
+}
+
+fn put_states(states: &mut MarkerStates, samples: &[Sample]) {
+    states.filled_count = 0;
+    states.missing_count = 0;
+    for (sample, told) in samples.iter().zip(&mut states.markers) {
+        states.missing_count += u32::from(sample.state == State::Missing);
+        states.filled_count += u32::from(sample.state == State::Filled);
+        told.value = sample.state.into();
+        told.sigma_mm = sample.sigma_mm;
     }
 }
 
@@ -165,22 +214,4 @@ pub(crate) fn columns(take: &Take) -> Vec<usize> {
 fn number(take: &Take, frame: usize) -> i32 {
     let label = take.frame_label(frame);
     i32::try_from(label).unwrap_or(if label < 0 { i32::MIN } else { i32::MAX })
-}
-
-fn put_states(states: &mut MarkerStates, time: prost_types::Timestamp, take: &Take, look: &Look<'_>) {
-    states.timestamp = Some(time);
-    states.frame = number(take, look.frame);
-    states.filled_count = 0;
-    states.missing_count = 0;
-    for ((&column, &sigma_mm), told) in look.columns.iter().zip(look.sigma_mm).zip(&mut states.markers) {
-        let (state, sigma_mm) = match take.origin(look.frame, column) {
-            Origin::Missing => (marker_states::State::Missing, f64::NAN),
-            Origin::Repaired => (marker_states::State::Filled, sigma_mm),
-            Origin::Measured | Origin::Derived => (marker_states::State::Observed, 0.0),
-        };
-        states.missing_count += u32::from(state == marker_states::State::Missing);
-        states.filled_count += u32::from(state == marker_states::State::Filled);
-        told.value = state.into();
-        told.sigma_mm = sigma_mm;
-    }
 }

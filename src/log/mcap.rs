@@ -33,7 +33,7 @@ use tempfile::NamedTempFile;
 const HIGHEST_RATE_HZ: f64 = 1e9;
 
 /// Frames whose messages are made at once, on all cores, before they are written.
-const BLOCK: usize = 1024;
+const BLOCK: usize = 256;
 
 /// What is known about a repair before it starts. All of it goes into the metadata record, except where stated.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -336,24 +336,36 @@ fn write(
     };
     let mut waiting = waiting.iter().peekable();
     let count = frames.map_or(0, Frames::count);
-    for block in (0..count).step_by(BLOCK) {
-        let Some(frames) = frames else { break };
-        let made: Vec<_> = (block..count.min(block + BLOCK))
+    let make = |block: usize| -> Vec<Vec<(Channel, Vec<u8>)>> {
+        let Some(frames) = frames else { return Vec::new() };
+        (block..count.min(block + BLOCK))
             .into_par_iter()
-            .with_min_len(64)
+            .with_min_len(32)
             .map_init(|| frames.scratch(), |scratch, frame| frames.encode(frame, scratch))
-            .collect();
-        for (frame, messages) in (block..).zip(&made) {
-            let log_time = tick_ns(frame as u32, rate_hz);
-            // what happened at this moment is told where its channel stands among those of the frame
-            let due = |w: &&Waiting, channel: u8| w.log_time < log_time || (w.log_time == log_time && (w.channel as u8) <= channel);
-            for (channel, data) in messages {
-                while let Some(w) = waiting.next_if(|w| due(w, *channel as u8)) {
-                    put(&mut writer, w.channel, w.log_time, &w.data)?;
+            .collect()
+    };
+    let mut made = make(0);
+    for block in (0..count).step_by(BLOCK) {
+        // while one block is compressed and written, the next one is made
+        let (written, next) = rayon::join(
+            || -> Result<(), McapError> {
+                for (frame, messages) in (block..).zip(&made) {
+                    let log_time = tick_ns(frame as u32, rate_hz);
+                    for (channel, data) in messages {
+                        // what happened at this moment is told where its channel stands among those of the frame
+                        let here = (log_time, *channel as u8);
+                        while let Some(w) = waiting.next_if(|w| (w.log_time, w.channel as u8) <= here) {
+                            put(&mut writer, w.channel, w.log_time, &w.data)?;
+                        }
+                        put(&mut writer, *channel, log_time, data)?;
+                    }
                 }
-                put(&mut writer, *channel, log_time, data)?;
-            }
-        }
+                Ok(())
+            },
+            || make(block + BLOCK),
+        );
+        written?;
+        made = next;
     }
     for w in waiting {
         put(&mut writer, w.channel, w.log_time, &w.data)?;

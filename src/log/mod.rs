@@ -49,5 +49,3 @@ pub(crate) use cloud::{Point, metres};
 pub(crate) use describe::NAME as DESCRIPTION;
 pub(crate) use replay::{Told, replay};
 pub use terminal::Terminal;
-
-use frames::Look;

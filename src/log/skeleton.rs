@@ -1,13 +1,14 @@
 //! The bones of one frame as lines, and what was filled as balls with labels: both are drawn by viewers as they are.
 
+use super::FRAME_ID;
 use super::cloud::{FILLED, OBSERVED, Rgba};
+use super::frames::Look;
 use super::schema::foxglove::{
     Color, KeyValuePair, LinePrimitive, Point3, Pose, Quaternion, SceneEntity, SceneUpdate, SpherePrimitive, TextPrimitive, Vector3,
     line_primitive,
 };
-use super::{FRAME_ID, Look};
+use super::schema::marker_states::State;
 use crate::solve::Bone;
-use formats::{Origin, Take};
 use prost_types::{Duration, Timestamp};
 
 /// A pose that moves and turns nothing. A quaternion of zeros would make viewers refuse the whole thing.
@@ -46,24 +47,29 @@ fn entity(id: &str, time: Timestamp) -> SceneEntity {
 }
 
 /// The skeleton and the filled markers of a frame.
-pub(super) fn scene(time: Timestamp, take: &Take, look: &Look<'_>, bones: &[Bone]) -> SceneUpdate {
-    SceneUpdate { deletions: Vec::new(), entities: vec![lines(time, take, look, bones), balls(time, take, look)] }
+pub(super) fn scene(time: Timestamp, look: &Look<'_>, bones: &[Bone]) -> SceneUpdate {
+    SceneUpdate { deletions: Vec::new(), entities: vec![lines(time, look, bones), balls(time, look)] }
 }
 
 /// Every bone whose two ends are known. A line runs from the colour of one end to that of the other.
-fn lines(time: Timestamp, take: &Take, look: &Look<'_>, bones: &[Bone]) -> SceneEntity {
-    let mut points = Vec::new();
-    let mut colors = Vec::new();
-    let mut place_of = vec![None; take.markers.len()];
-    for &column in look.columns {
-        let Some(p) = take.position_mm(look.frame, column) else { continue };
+fn lines(time: Timestamp, look: &Look<'_>, bones: &[Bone]) -> SceneEntity {
+    let mut points = Vec::with_capacity(look.samples.len());
+    let mut colors = Vec::with_capacity(look.samples.len());
+    // for each marker, its number among the points
+    let mut number = Vec::with_capacity(look.samples.len());
+    for sample in look.samples {
+        number.push(sample.position_mm.map(|_| points.len() as u32));
+        let Some(p) = sample.position_mm else { continue };
         let [x, y, z] = metres(p);
-        place_of[column] = Some(points.len() as u32);
         points.push(Point3 { x, y, z });
-        let filled = take.origin(look.frame, column) == Origin::Repaired;
-        colors.push(if filled { color(FILLED, 1.0) } else { color(OBSERVED, 0.6) });
+        colors.push(if sample.state == State::Filled { color(FILLED, 1.0) } else { color(OBSERVED, 0.6) });
     }
-    let ends = |bone: &Bone| Some([place_of.get(bone.a).copied()??, place_of.get(bone.b).copied()??]);
+    // one colour for all takes less room
+    let plain = look.samples.iter().all(|sample| sample.state != State::Filled);
+    let ends = |bone: &Bone| {
+        let [a, b] = look.ends(bone)?;
+        Some([number[a]?, number[b]?])
+    };
     let indices: Vec<u32> = bones.iter().filter_map(ends).flatten().collect();
     let mut entity = entity("skeleton", time);
     if !indices.is_empty() {
@@ -73,8 +79,8 @@ fn lines(time: Timestamp, take: &Take, look: &Look<'_>, bones: &[Bone]) -> Scene
             thickness: LINE_WIDTH,
             scale_invariant: true,
             points,
-            color: None,
-            colors,
+            color: plain.then(|| color(OBSERVED, 0.6)),
+            colors: if plain { Vec::new() } else { colors },
             indices,
         });
     }
@@ -82,14 +88,11 @@ fn lines(time: Timestamp, take: &Take, look: &Look<'_>, bones: &[Bone]) -> Scene
 }
 
 /// A ball of the size of its predicted error and a label for every filled marker; the same numbers as metadata, which viewers show on a click.
-fn balls(time: Timestamp, take: &Take, look: &Look<'_>) -> SceneEntity {
+fn balls(time: Timestamp, look: &Look<'_>) -> SceneEntity {
     let mut entity = entity("filled", time);
-    for (k, &column) in look.columns.iter().enumerate() {
-        if take.origin(look.frame, column) != Origin::Repaired {
-            continue;
-        }
-        let Some(p) = take.position_mm(look.frame, column) else { continue };
-        let sigma_mm = look.sigma_mm[k];
+    for (sample, label) in look.samples.iter().zip(look.labels).filter(|(sample, _)| sample.state == State::Filled) {
+        let Some(p) = sample.position_mm else { continue };
+        let sigma_mm = sample.sigma_mm;
         let radius = if sigma_mm.is_finite() { (sigma_mm * 1e-3).clamp(RADII.0, RADII.1) } else { RADII.0 };
         let size = Some(Vector3 { x: 2.0 * radius, y: 2.0 * radius, z: 2.0 * radius });
         entity.spheres.push(SpherePrimitive { pose: Some(at(p)), size, color: Some(color(FILLED, 0.35)) });
@@ -100,9 +103,9 @@ fn balls(time: Timestamp, take: &Take, look: &Look<'_>) -> SceneEntity {
             font_size: FONT_SIZE,
             scale_invariant: true,
             color: Some(color(FILLED, 1.0)),
-            text: format!("{} {told}", look.labels[k]),
+            text: format!("{label} {told}"),
         });
-        entity.metadata.push(KeyValuePair { key: look.labels[k].clone(), value: told });
+        entity.metadata.push(KeyValuePair { key: label.clone(), value: told });
     }
     entity
 }
