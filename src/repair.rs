@@ -284,8 +284,7 @@ fn write_out(
         fills::write(&report.samples, &repaired, request.method, &mut table).map_err(|e| unwritable(path, &e))?;
         placed.keep(path).and_then(|()| staging::publish(table, path)).map_err(|e| unwritable(path, &e))?;
     }
-    let shown =
-        Shown { raw: &before, repaired: Some(&repaired), bones, samples: &report.samples, log_rate_hz: request.log_rate_hz };
+    let shown = Shown { raw: &before, repaired: Some(&repaired), bones, samples: &report.samples, log_rate_hz: request.log_rate_hz };
     if let (Some(path), Some(curves)) = (&request.page, &watched.curves) {
         let page = Page::of_repair(&watched.about, shown, &report.json_for_log(request), curves);
         let written = page.map_err(io::Error::other).and_then(|page| page.stage(path));

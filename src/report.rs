@@ -283,7 +283,9 @@ impl Report {
 
     /// The report as JSON lines: notes, gaps, then the summary.
     pub fn json(&self) -> String {
-        self.json_of([self.output.as_deref(), self.log.as_deref(), self.fills.as_deref(), self.page.as_deref()], |path| path.display().to_string())
+        self.json_of([self.output.as_deref(), self.log.as_deref(), self.fills.as_deref(), self.page.as_deref()], |path| {
+            path.display().to_string()
+        })
     }
 
     /// The same for the log of the repair, which is written when only the names of files are missing.

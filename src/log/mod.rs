@@ -38,6 +38,8 @@ const FRAME_ID: &str = "lab";
 const ROOM_ID: &str = "world";
 
 pub use bone_residuals::{BoneResiduals, Residual};
+pub(crate) use cloud::{Point, metres};
+pub(crate) use describe::NAME as DESCRIPTION;
 pub use describe::{DescribedBone, Description};
 pub use events::{Event, of_gaps};
 pub use frames::Shown;
@@ -45,7 +47,5 @@ pub(crate) use frames::columns;
 pub use mcap::{About, Attachment, Closing, Ended, LogError, McapLog, Up, Written};
 pub use metadata::METADATA;
 pub use read::{LogReadError, attachment, extract_layout, is_unfinished};
-pub(crate) use cloud::{Point, metres};
-pub(crate) use describe::NAME as DESCRIPTION;
 pub(crate) use replay::{Told, replay};
 pub use terminal::Terminal;

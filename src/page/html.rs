@@ -41,8 +41,22 @@ const SCRIPTS: [&str; 3] = [
 
 /// What the page is built with, besides what the browser brings.
 const LIBRARIES: [Library; 2] = [
-    Library { name: "uPlot", version: "1.6.32", licence: "MIT", what: "charts", home: "github.com/leeoniya/uPlot", text: include_str!("vendor/uplot.LICENSE") },
-    Library { name: "OGL", version: "1.0.11", licence: "Unlicense", what: "the 3-D view", home: "github.com/oframe/ogl", text: include_str!("vendor/ogl.LICENSE") },
+    Library {
+        name: "uPlot",
+        version: "1.6.32",
+        licence: "MIT",
+        what: "charts",
+        home: "github.com/leeoniya/uPlot",
+        text: include_str!("vendor/uplot.LICENSE"),
+    },
+    Library {
+        name: "OGL",
+        version: "1.0.11",
+        licence: "Unlicense",
+        what: "the 3-D view",
+        home: "github.com/oframe/ogl",
+        text: include_str!("vendor/ogl.LICENSE"),
+    },
 ];
 
 #[derive(Serialize)]
@@ -76,28 +90,26 @@ pub(super) fn write(page: &Page) -> String {
     };
     // plain structs of numbers and strings always serialise
     let model = pack(serde_json::to_string(&model).unwrap_or_default().as_bytes());
-    let scripts: String = SCRIPTS.iter().map(|script| format!("<script>{script}</script>\n")).collect();
-    let hashes: Vec<String> = SCRIPTS.iter().map(|script| hash(script)).collect();
+    let scripts = SCRIPTS.map(|script| ["<script>", script, "</script>\n"].concat()).concat();
     let policy = format!(
         "default-src 'none'; script-src {}; style-src {}; img-src data:; base-uri 'none'; form-action 'none'",
-        hashes.join(" "),
+        SCRIPTS.map(hash).join(" "),
         hash(STYLES)
     );
-    let mut out = String::with_capacity(400_000 + packed.base64.len() + model.len());
+    let title = escaped(&page.source_name);
+    let places = [
+        ("title", title.as_str()),
+        ("policy", &policy),
+        ("styles", STYLES),
+        ("model", &model),
+        ("positions", &packed.base64),
+        ("scripts", &scripts),
+    ];
+    let mut out = String::with_capacity(SHELL.len() + places.iter().map(|(_, text)| text.len()).sum::<usize>());
+    // what is put in is not looked through for further places
     for piece in SHELL.split("{{") {
         let (place, rest) = piece.split_once("}}").unwrap_or(("", piece));
-        out.push_str(match place {
-            "title" => "",
-            "policy" => &policy,
-            "styles" => STYLES,
-            "model" => &model,
-            "positions" => &packed.base64,
-            "scripts" => &scripts,
-            _ => "",
-        });
-        if place == "title" {
-            out.push_str(&escaped(&page.source_name));
-        }
+        out.push_str(places.iter().find(|(name, _)| *name == place).map_or("", |(_, text)| text));
         out.push_str(rest);
     }
     out

@@ -162,8 +162,7 @@ impl Page {
     fn unfinished(&self, ended: &str) -> told::Told {
         let gaps = self.positions.gaps();
         let samples_missing = gaps.iter().map(|gap| u64::from(gap.frames)).sum();
-        let summary =
-            Summary { samples_missing, gaps_left_open: gaps.len() as u32, ..Summary::default() };
+        let summary = Summary { samples_missing, gaps_left_open: gaps.len() as u32, ..Summary::default() };
         let note = Note { text: format!("the repair was {ended}, no take was written"), matters: true };
         let gap = |gap: Gap| told::Gap { frames: gap.frames, open: Some(ended.to_owned()), ..told::Gap::default() };
         told::Told { notes: vec![note], gaps: gaps.into_iter().map(gap).collect(), suspects: Vec::new(), summary: Some(summary) }

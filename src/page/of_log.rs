@@ -114,7 +114,8 @@ impl Gathered {
     fn places(&self, points: &[crate::log::Point]) -> Result<Vec<Option<[i32; 3]>>, String> {
         let mut places = vec![None; self.page.positions.tracks.len()];
         for point in points {
-            let place = places.get_mut(point.marker).ok_or_else(|| format!("a point belongs to marker {}, which is not there", point.marker))?;
+            let place =
+                places.get_mut(point.marker).ok_or_else(|| format!("a point belongs to marker {}, which is not there", point.marker))?;
             *place = Some(rounded(point.metres));
         }
         Ok(places)

@@ -5,6 +5,7 @@
 //! - `auto`: what the default method says about its fills
 //! - `options`: what each option changes in the files
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
+//! - `reporting`: the report to look at
 //! - `interruptions`: runs that are killed
 //! - `readme`: the commands of the README
 //!
@@ -19,3 +20,4 @@ mod options;
 mod readme;
 mod refusals;
 mod repairing;
+mod reporting;
