@@ -204,6 +204,8 @@ pub struct McapLog {
     /// Iterations with a likelihood so far, over all stages.
     iterations: u32,
     stages: Vec<Stage>,
+    /// What models gave reason to say, in the order of iterations.
+    told: Vec<Event>,
     /// The bones of the stage at hand, made at its first iteration.
     bones: Option<BoneResiduals>,
     /// Log-likelihood of the previous iteration of the stage at hand, in nats.
@@ -234,6 +236,7 @@ impl McapLog {
             waiting: Vec::new(),
             iterations: 0,
             stages: Vec::new(),
+            told: Vec::new(),
             bones: None,
             before: None,
             began: None,
@@ -255,7 +258,7 @@ impl McapLog {
         let frames = closing.shown.map(|shown| Frames::new(shown, about.rate_hz));
         let mut waiting = std::mem::take(&mut self.waiting);
         waiting.extend(axes::transform(about.up).map(|m| Waiting { channel: Channel::Axes, log_time: 0, data: m.encode_to_vec() }));
-        let events = closing.events.iter().map(|event| {
+        let events = self.told.iter().chain(&closing.events).map(|event| {
             let log_time = tick_ns(event.frame as u32, about.rate_hz);
             Waiting { channel: Channel::Log, log_time, data: events::message(event, about, timestamp(log_time)).encode_to_vec() }
         });
@@ -289,12 +292,9 @@ impl McapLog {
         self.waiting.push(Waiting { channel, log_time, data: message.encode_to_vec() });
     }
 
-    /// Queues what an iteration, or the end of one, gives reason to say.
+    /// Notes what the beginning or end of a model gives reason to say.
     fn say(&mut self, iteration: u32, warning: bool, name: &str, message: String) {
-        let log_time = tick_ns(iteration, self.about.rate_hz);
-        let event = Event { frame: iteration as usize, warning, name: name.to_owned(), message };
-        let message = events::message(&event, &self.about, timestamp(log_time));
-        self.add(Channel::Log, log_time, &message);
+        self.told.push(Event { frame: iteration as usize, warning, name: name.to_owned(), message });
     }
 }
 
@@ -398,6 +398,10 @@ impl Observer for McapLog {
         self.before = None;
         if self.about.timings && self.began.is_none() {
             self.began = Some(Instant::now());
+        }
+        // a model that is followed by another was asked for advice, and may stop where it likes
+        if let Some(ended) = self.told.last_mut().filter(|_| start.stage > 0) {
+            ended.warning = false;
         }
         let limit = start.step_limit;
         self.say(self.iterations, false, start.method, format!("model {} begins: {}, at most {limit} steps", start.stage, start.method));

@@ -3,6 +3,7 @@
 use super::mcap::Ended;
 use super::metadata::METADATA;
 use super::{check, layout};
+use crate::input::plain;
 use crate::output::{Names, unwritable};
 use crate::repair::RepairError;
 use crate::staging;
@@ -19,7 +20,7 @@ const LONGEST: u64 = 1 << 30;
 #[derive(Debug, thiserror::Error)]
 pub enum LogReadError {
     /// The file could not be read.
-    #[error("cannot be read: {0}")]
+    #[error("cannot be read: {}", plain(.0))]
     Io(#[from] io::Error),
     /// It is no whole MCAP file.
     #[error("is no MCAP log, or is not whole: {0}; a log is written by a repair, beside its output")]

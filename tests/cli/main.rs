@@ -2,6 +2,7 @@
 //!
 //! - `repairing`: the main job, and the demonstration take
 //! - `converting`: `convert`, `.zst`, `--missing`, `--float`
+//! - `logs`: what is in the log on demand, and what is taken out of it
 //! - `auto`: what the default method says about its fills
 //! - `options`: what each option changes in the files
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
@@ -16,6 +17,7 @@ mod auto;
 mod converting;
 mod interruptions;
 mod lab;
+mod logs;
 mod options;
 mod readme;
 mod refusals;

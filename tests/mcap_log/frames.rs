@@ -203,6 +203,8 @@ fn events_are_told_at_their_frames() {
         (TIMES[3], "model 2 ends: failed after 1 step: the script has ended"),
     ];
     assert_eq!(stages, expected);
+    let ends: Vec<_> = told.events.iter().filter(|(_, m)| m.message.contains("ends")).map(|(_, m)| m.level().as_str_name()).collect();
+    assert_eq!(ends, ["INFO", "INFO", "WARNING"], "only the last model has to settle");
 }
 
 #[test]
