@@ -10,7 +10,13 @@ use sha2::{Digest, Sha256};
 
 const SHELL: &str = include_str!("web/page.html");
 
-const STYLES: &str = concat!(include_str!("vendor/uplot.min.css"), "\n", include_str!("web/style.css"), include_str!("web/parts.css"));
+const STYLES: &str = concat!(
+    include_str!("vendor/uplot.min.css"),
+    "\n",
+    include_str!("web/style.css"),
+    include_str!("web/parts.css"),
+    include_str!("web/plots.css")
+);
 
 /// The libraries, then our own files, which share one scope.
 const SCRIPTS: [&str; 3] = [
