@@ -33,9 +33,9 @@ function bonePlots({ take, bones }) {
       options: () => ({
         height: 104,
         padding: [6, 16, 0, 0],
-        cursor: { sync: { key: "bones" }, points: { show: false }, y: false, drag: { x: false, y: false } },
+        cursor: { sync: { key: "bones", setSeries: false }, ...ZOOMS },
         scales: {
-          x: { time: false, range: () => [take.label(-0.5), take.label(take.frames - 0.5)] },
+          x: { time: false, range: frameRange(take) },
           y: { range: (_, low, high) => {
             const l = Math.min(low ?? bone.length_mm, bone.length_mm - 2 * bone.spread_mm), h = Math.max(high ?? bone.length_mm, bone.length_mm + 2 * bone.spread_mm);
             const room = Math.max(1, 0.08 * (h - l));

@@ -42,7 +42,14 @@ function axis(options = {}) {
 
 /** The axis of the file's own frame numbers. */
 const frameAxis = (options = {}) =>
-  axis({ incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 1e4, 2e4, 5e4, 1e5], values: (_, at) => at.map((x) => String(x)), space: 60, size: 28, ...options });
+  axis({ incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 1e4, 2e4, 5e4, 1e5], values: (_, at) => at.map((x) => String(x)), space: 46, size: 28, ...options });
+
+/** The frames of the take, or what of them was chosen by dragging; a double click brings all of them back. */
+const frameRange = (take) => (_, low, high) => {
+  const [first, last] = [take.label(-0.5), take.label(take.frames - 0.5)];
+  return low === null || high - low < 3 ? [first, last] : [Math.max(first, low), Math.min(last, high)];
+};
+const ZOOMS = { drag: { x: true, y: false, dist: 6 } };
 
 const charts = new Set();
 
@@ -72,8 +79,8 @@ function chart(host, { options, data, label, take, playhead = false, jumps = fal
       {
         width: width(),
         legend: { show: false },
-        cursor: { drag: { x: false, y: false }, points: { show: false }, y: false, ...(all.cursor || {}) },
         ...all,
+        cursor: { drag: { x: false, y: false }, points: { show: false }, y: false, ...(all.cursor || {}) },
         hooks: { ...(all.hooks || {}), setScale: [place], ready: [place] },
       },
       data(),

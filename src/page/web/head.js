@@ -130,18 +130,23 @@ function sentence(text) {
   return trimmed.charAt(0).toUpperCase() + trimmed.slice(1) + (/[.!?]$/.test(trimmed) ? "" : ".");
 }
 
-/** Samples that no body makes, if there are any. */
+/** Samples that no body makes, if there are any: the largest first, a few at once. */
 function suspects({ model, take }) {
   if (model.suspects.length === 0) return null;
-  const rows = model.suspects.map((s) =>
-    el("tr", {},
-      el("td", {}, s.kind.charAt(0).toUpperCase() + s.kind.slice(1)),
-      el("td", {}, el("button", { type: "button", className: "plain link", onclick: () => jump(take, s.start, { marker: s.marker }) }, take.markers[s.marker] + (s.other === null ? "" : ` ↔ ${take.markers[s.other]}`))),
-      el("td", { className: "number" }, s.frames > 1 ? `${take.label(s.start)} – ${take.label(s.start + s.frames - 1)}` : String(take.label(s.start))),
-      el("td", { className: "number" }, mm(s.size_mm)),
-      el("td", {}, s.dropped ? "dropped and filled" : "kept as measured"),
-      el("td", {}, s.text)));
-  return section("suspects", "Suspicious samples", "Measured, but no body moves like this.",
-    el("div", { className: "scroller", tabIndex: 0, role: "region", "aria-label": "Suspicious samples" },
-      el("table", {}, el("thead", {}, el("tr", {}, ["What", "Marker", "Frames", "Size", "Done", "Why"].map((t, k) => el("th", { scope: "col", className: k === 2 || k === 3 ? "number" : "" }, t)))), el("tbody", {}, rows))));
+  const order = model.suspects.slice().sort((a, b) => b.size_mm - a.size_mm || a.start - b.start);
+  const list = el("ul", { className: "suspects" });
+  const more = el("button", { type: "button", className: "button", onclick: () => ((shown += 50), fill()) });
+  let shown = 6;
+  function fill() {
+    list.replaceChildren(...order.slice(0, state.print ? order.length : shown).map((s) =>
+      el("li", {},
+        el("span", { className: "suspect-kind" }, s.kind.charAt(0).toUpperCase() + s.kind.slice(1)),
+        el("span", {}, el("button", { type: "button", className: "plain link", onclick: () => jump(take, s.start, { marker: s.marker }) }, take.prefix ? s.text.replaceAll(take.prefix, "") : s.text),
+          el("span", { className: "help" }, s.dropped ? " Dropped and taken for a gap." : " Kept as measured.")))));
+    more.hidden = shown >= order.length;
+    more.textContent = `Show more of ${whole(order.length)}`;
+  }
+  fill();
+  listen("print", fill);
+  return section("suspects", "Suspicious samples", "Measured, but no body moves like this.", list, el("p", { className: "controls" }, more));
 }

@@ -129,8 +129,9 @@ function gapMap({ model, take, gaps, scale }) {
     options: (width) => ({
       height: rows.length * rowHeight + 40,
       padding: [4, 16, 0, 0],
+      cursor: ZOOMS,
       scales: {
-        x: { time: false, range: () => [take.label(-0.5), take.label(take.frames - 0.5)] },
+        x: { time: false, range: frameRange(take) },
         y: { dir: -1, range: () => [-0.6, rows.length - 0.4] },
       },
       axes: [
@@ -147,7 +148,7 @@ function gapMap({ model, take, gaps, scale }) {
       series: [{}, { show: false }],
       hooks: { draw: [paint] },
     }),
-    data: () => [[take.label(0), take.label(Math.max(1, take.frames - 1))], [0, 0]],
+    data: () => [[take.label(-0.5), take.label(take.frames - 0.5)], [0, 0]],
     onready(plot) {
       plot.over.style.cursor = "pointer";
       const place = (event) => {
@@ -214,7 +215,7 @@ function gapMap({ model, take, gaps, scale }) {
 
   const open = gaps.some((g) => g.open), filled = gaps.some((g) => !g.open);
   const rest = complete > 0 ? `${counted(complete, "marker")} without gaps not shown.` : null;
-  return section("map", "Gaps", "Click one to go there.",
+  return section("map", "Gaps", "Click one to go there; drag to look closer, double-click to see all.",
     el("div", { className: "map-holder" }, host, tip), live,
     el("div", { className: "legend-row" },
       filled && scale.known && el("span", { className: "ramp-legend" }, el("span", {}, `σ ${mm(scale.low)}`), el("span", { className: "ramp", role: "img", "aria-label": "colours from sure to unsure" }), el("span", {}, mm(scale.high))),

@@ -46,7 +46,7 @@ function tracks({ model, take, gaps }) {
       options: () => ({
         height: k === 2 ? 146 : 120,
         padding: [6, 16, 0, 0],
-        cursor: { sync: { key: "gap" }, points: { show: false }, y: false, drag: { x: false, y: false } },
+        cursor: { sync: { key: "gap", setSeries: false } },
         scales: {
           x: { time: false, range: (_, low, high) => [low, high] },
           y: { range: (_, low, high) => (low === null ? [0, 1] : [low - Math.max(2, 0.06 * (high - low)), high + Math.max(2, 0.06 * (high - low))]) },
