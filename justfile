@@ -29,6 +29,10 @@ fixtures:
 paper:
     cargo run --release --example paper -- --doc docs/paper.md
 
+# Minify the libraries of the report anew
+vendor:
+    src/page/vendor/build.sh
+
 # What a round of EM costs beside the two matrix products that it cannot do without, on one core
 bench-em:
     cargo bench --bench em

@@ -9,6 +9,7 @@
 //! - [`solve`]: problems, solvers, the loop, and its observers
 //! - [`log`]: observers that write: the MCAP log, the progress line
 //! - [`fills`], [`report`], [`explain`], [`inspect`]: what is told afterwards, or beforehand
+//! - [`page`]: the report to look at, one HTML file
 //! - [`staging`], [`verify`]: files appear whole or not at all, and only after they were proven
 //! - [`demo`]: a synthetic take to try it on
 //! - [`typeset`]: how wide and in which colours text is set
@@ -28,6 +29,7 @@ pub mod inspect;
 pub mod log;
 pub mod missing;
 pub mod output;
+pub mod page;
 mod random;
 pub mod repair;
 pub mod report;

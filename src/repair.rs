@@ -6,6 +6,7 @@ use crate::gaps::{Open, Policy, gaps};
 use crate::input::{Opened, Reading, hex, open, read};
 use crate::log::{self, About, Attachment, Closing, Ended, Event, LogError, McapLog, Shown, Up};
 use crate::output::{self, Names, Written, original_name, unwritable};
+use crate::page::{Curves, Page};
 use crate::report::{GapReport, Report, StageReport};
 use crate::solve::auto::Stiffness;
 use crate::solve::body::guess_up;
@@ -14,6 +15,7 @@ use crate::solve::{Bone, Gap, Limits, Method, Observer, Outcome, Problem, Settin
 use crate::{compression, fills, staging};
 use formats::{Direction, Role, Take};
 use sha2::{Digest, Sha256};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -33,6 +35,8 @@ pub struct Request {
     pub log: Option<PathBuf>,
     /// The table of filled samples to write, if any.
     pub fills: Option<PathBuf>,
+    /// The report to look at, if any.
+    pub page: Option<PathBuf>,
     /// A file of bones that overrules those found.
     pub bones: Option<PathBuf>,
     /// Replace files that exist.
@@ -86,7 +90,9 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
     } else {
         let mut repaired = before.clone();
         let problem = Problem::new(before, &neighbours(before), &bones);
-        let mut log = start_log(request, &opened, &bones, up(before, &problem), &mut report);
+        let about = about(request, &opened, &bones, up(before, &problem));
+        let mut log = start_log(request, about.clone(), &mut report);
+        let mut curves = request.page.is_some().then(Curves::default);
         if decisions.iter().any(Result::is_ok) && problem.markers() > 0 {
             let meter = watch.meter();
             let limits = Limits {
@@ -96,7 +102,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
                 meter: meter.as_deref(),
                 ..Limits::default()
             };
-            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, &mut *watch));
+            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, (&mut curves, &mut *watch)));
             if interrupt.load(Ordering::Relaxed) {
                 let log = log.and_then(|log| leave_log(log, before, &bones, request, Ended::Interrupted));
                 return Err(RepairError::Interrupted { path: request.input.clone(), log: Left(log) });
@@ -119,7 +125,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.attach_explanations(&found);
         drop(problem); // as large as the take, and of no more use
         watch.phase(&format!("writing and checking {}", name(&request.output)));
-        return write_out(request, opened, repaired, Found { gaps: &found, bones: &bones }, log, report, watch);
+        return write_out(request, opened, repaired, Found { gaps: &found, bones: &bones }, Watched { about, log, curves }, report, watch);
     }
     report.notes = opened.notes.take();
     Ok(report)
@@ -220,11 +226,10 @@ fn up(take: &Take, problem: &Problem) -> Up {
     }
 }
 
-/// Begins the log. That the log cannot be written does not keep the take from being repaired: it is reported.
-fn start_log(request: &Request, opened: &Opened, bones: &[Bone], up: Up, report: &mut Report) -> Option<McapLog> {
-    let path = request.log.as_ref()?;
+/// What is known beforehand, for the log and the report to look at.
+fn about(request: &Request, opened: &Opened, bones: &[Bone], up: Up) -> About {
     let take = opened.document.take();
-    let about = About {
+    About {
         source_name: request.input.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default(),
         source_sha256: opened.sha256.clone(),
         rate_hz: take.rate_hz,
@@ -238,7 +243,12 @@ fn start_log(request: &Request, opened: &Opened, bones: &[Bone], up: Up, report:
         method: request.method.name().to_owned(),
         options: request.options(),
         timings: request.timings,
-    };
+    }
+}
+
+/// Begins the log. That the log cannot be written does not keep the take from being repaired: it is reported.
+fn start_log(request: &Request, about: About, report: &mut Report) -> Option<McapLog> {
+    let path = request.log.as_ref()?;
     match McapLog::create(path, about) {
         Ok(log) => Some(log),
         Err(error) => {
@@ -255,13 +265,20 @@ struct Found<'a> {
     bones: &'a [Bone],
 }
 
+/// What was seen of the repair while it went on.
+struct Watched {
+    about: About,
+    log: Option<McapLog>,
+    curves: Option<Curves>,
+}
+
 /// Writes the output, proves it, and puts everything in place: the table and the log first, the output last.
 fn write_out(
     request: &Request,
     opened: Opened,
     mut repaired: Take,
     Found { gaps, bones }: Found<'_>,
-    log: Option<McapLog>,
+    watched: Watched,
     mut report: Report,
     watch: &mut dyn Observer,
 ) -> Result<Report, RepairError> {
@@ -284,7 +301,15 @@ fn write_out(
         fills::write(&report.samples, &repaired, request.method, &mut table).map_err(|e| unwritable(path, &e))?;
         placed.keep(path).and_then(|()| staging::publish(table, path)).map_err(|e| unwritable(path, &e))?;
     }
-    if let (Some(log), Some(path)) = (log, &request.log) {
+    let shown = Shown { raw: &before, repaired: Some(&repaired), bones, samples: &report.samples, log_rate_hz: request.log_rate_hz };
+    if let (Some(path), Some(curves)) = (&request.page, &watched.curves) {
+        watch.phase("writing the report");
+        let page = Page::of_repair(&watched.about, shown, &report.json_for_log(request), curves);
+        let written = page.map_err(io::Error::other).and_then(|page| page.stage(path));
+        let file = written.map_err(|e| unwritable(path, &e))?;
+        placed.keep(path).and_then(|()| staging::publish(file, path)).map_err(|e| unwritable(path, &e))?;
+    }
+    if let (Some(log), Some(path)) = (watched.log, &request.log) {
         watch.phase("writing the log");
         let mut events = log::of_gaps(gaps, &report.gaps);
         events.extend(report.notes.iter().map(|note| Event::note(note.matters(), note.to_string())));
@@ -292,13 +317,7 @@ fn write_out(
             ended: Ended::Done,
             results: report.results(),
             attachments: attachments(request, &report, &sha256)?,
-            shown: Some(Shown {
-                raw: &before,
-                repaired: Some(&repaired),
-                bones,
-                samples: &report.samples,
-                log_rate_hz: request.log_rate_hz,
-            }),
+            shown: Some(shown),
             events,
         };
         placed.keep(path).map_err(|e| unwritable(path, &e))?;
@@ -360,7 +379,7 @@ fn keep_original(input: &Path, kept: &Path, sha256: &str) -> Result<(), RepairEr
 impl Request {
     /// The files to write.
     fn names(&self) -> Names<'_> {
-        let beside = self.log.as_deref().into_iter().chain(self.fills.as_deref()).collect();
+        let beside = [&self.log, &self.fills, &self.page].into_iter().filter_map(|path| path.as_deref()).collect();
         Names { input: &self.input, output: &self.output, beside, in_place: self.in_place, force: self.force }
     }
 

@@ -74,6 +74,20 @@ pub(super) struct LayoutArgs {
     pub force: bool,
 }
 
+/// `mocap-repair report`.
+#[derive(Debug, Args)]
+pub(super) struct ReportArgs {
+    /// The log of a repair
+    #[arg(value_name = "LOG.mcap")]
+    pub log: PathBuf,
+    /// The file to write; open it in a browser
+    #[arg(short, long, value_name = "FILE.html")]
+    pub output: PathBuf,
+    /// Replace a file that exists
+    #[arg(long)]
+    pub force: bool,
+}
+
 /// `mocap-repair convert`.
 #[derive(Args)]
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
@@ -267,6 +281,9 @@ pub(super) struct RepairArgs {
     /// Write one row per filled sample
     #[arg(long, value_name = "FILE.csv")]
     pub fills: Option<PathBuf>,
+    /// Write a report to look at: one HTML file with player, gap map and curves, for any browser
+    #[arg(long, value_name = "FILE.html")]
+    pub report: Option<PathBuf>,
     /// Write the log here [default: the output's name with .mcap]
     #[arg(long, value_name = "FILE.mcap", conflicts_with = "no_log")]
     pub log: Option<PathBuf>,
@@ -380,6 +397,7 @@ impl RepairArgs {
             in_place: self.in_place,
             log,
             fills: self.fills.clone(),
+            page: self.report.clone(),
             bones: self.bones.iter().rev().find_map(|b| if let BonesArg::File(path) = b { Some(path.clone()) } else { None }),
             force: self.force,
             dry_run: self.dry_run,

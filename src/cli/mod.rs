@@ -9,12 +9,13 @@ use crate::demo::{DemoOptions, write_demo};
 use crate::input::{Reading, open};
 use crate::inspect::Inspection;
 use crate::log::{self, Terminal};
-use crate::repair::{neighbours, repair};
+use crate::page;
+use crate::repair::{RepairError, neighbours, repair};
 use crate::report::lines;
 use crate::solve::auto::Stiffness;
 use crate::solve::{Method, Observer};
 use crate::typeset::{Style, Tone};
-use args::{BonesArg, ConvertArgs, LayoutArgs, RepairArgs, StatedArgs, rate};
+use args::{BonesArg, ConvertArgs, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
 use clap::{CommandFactory, Parser, Subcommand, error::ErrorKind};
 use formats::printable;
 use serde::Serialize;
@@ -79,6 +80,8 @@ enum Command {
     Convert(ConvertArgs),
     /// Take the layout for Foxglove or Lichtblick out of a log
     Layout(LayoutArgs),
+    /// Make the report to look at from the log of a repair: one HTML file for any browser
+    Report(ReportArgs),
     /// Make a synthetic take of a walking figure: its truth, and the same with gaps, as C3D and CSV
     Demo {
         /// Folder to write to; made if it is not there
@@ -117,7 +120,8 @@ pub fn main(interrupt: &AtomicBool) -> u8 {
         }
         Some(Command::Bones { input, stated }) => print_bones(&input, &stated.reading()),
         Some(Command::Convert(args)) => run_convert(&args),
-        Some(Command::Layout(args)) => layout(&args),
+        Some(Command::Layout(args)) => written(log::extract_layout(&args.log, &args.output, args.force)),
+        Some(Command::Report(args)) => written(page::report_of_log(&args.log, &args.output, args.force)),
         Some(Command::Demo { output, frames, rate, seed, force }) => {
             demo(&output, &DemoOptions { frames: frames as usize, rate_hz: rate, seed, ..DemoOptions::default() }, force)
         }
@@ -237,8 +241,9 @@ fn print_bones(path: &Path, reading: &Reading) -> u8 {
     }
 }
 
-fn layout(args: &LayoutArgs) -> u8 {
-    match log::extract_layout(&args.log, &args.output, args.force) {
+/// The exit code of a command that writes a file and says nothing.
+fn written(result: Result<(), RepairError>) -> u8 {
+    match result {
         Ok(()) => 0,
         Err(error) => {
             fail(&error.to_string(), false);

@@ -79,8 +79,8 @@ struct Found {
     metadata: Vec<Metadata>,
 }
 
-/// Reads every record, with all checksums, and insists that messages are in the order of their times.
-fn read_records(file: File) -> Result<Found, LogError> {
+/// Reads every record, with all checksums, and hands each to `tell`.
+pub(super) fn each_record(file: File, tell: &mut dyn FnMut(Record<'_>) -> Result<(), LogError>) -> Result<(), LogError> {
     // A damaged length must not be allocated. A record may be longer than the file because chunks are compressed.
     let longest = usize::try_from(file.metadata()?.len()).unwrap_or(usize::MAX).saturating_add(LONGEST_IN_CHUNK);
     let mut file = BufReader::new(file);
@@ -92,28 +92,37 @@ fn read_records(file: File) -> Result<Found, LogError> {
             .with_check_finishes_after_end_magic(true)
             .with_record_length_limit(longest),
     );
-    let mut found = Found::default();
-    let mut latest = 0;
     while let Some(event) = reader.next_event() {
         match event? {
             LinearReadEvent::ReadRequest(bytes) => {
                 let read = file.read(reader.insert(bytes))?;
                 reader.notify_read(read);
             }
-            LinearReadEvent::Record { data, opcode } => match parse_record(opcode, data)? {
-                Record::Message { header, .. } => {
-                    if header.log_time < latest {
-                        return Err(LogError::Check(format!("a message at {} ns follows one at {latest} ns", header.log_time)));
-                    }
-                    latest = header.log_time;
-                    *found.messages.entry(header.channel_id).or_default() += 1;
-                }
-                Record::Attachment { .. } => found.attachments += 1,
-                Record::Metadata(metadata) => found.metadata.push(metadata),
-                _ => {}
-            },
+            LinearReadEvent::Record { data, opcode } => tell(parse_record(opcode, data)?)?,
         }
     }
+    Ok(())
+}
+
+/// Reads every record and insists that messages are in the order of their times.
+fn read_records(file: File) -> Result<Found, LogError> {
+    let mut found = Found::default();
+    let mut latest = 0;
+    each_record(file, &mut |record| {
+        match record {
+            Record::Message { header, .. } => {
+                if header.log_time < latest {
+                    return Err(LogError::Check(format!("a message at {} ns follows one at {latest} ns", header.log_time)));
+                }
+                latest = header.log_time;
+                *found.messages.entry(header.channel_id).or_default() += 1;
+            }
+            Record::Attachment { .. } => found.attachments += 1,
+            Record::Metadata(metadata) => found.metadata.push(metadata),
+            _ => {}
+        }
+        Ok(())
+    })?;
     Ok(found)
 }
 

@@ -49,6 +49,31 @@ pub(super) fn empty() -> PointCloud {
     }
 }
 
+/// A position in mm as the clouds have it.
+pub(crate) fn metres(position_mm: [f64; 3]) -> [f32; 3] {
+    position_mm.map(|x| (x * 1e-3) as f32)
+}
+
+/// One point of a cloud that [`put`] made.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Point {
+    /// Place in the list of markers.
+    pub marker: usize,
+    /// Position.
+    pub metres: [f32; 3],
+}
+
+/// The points of a cloud, or `None` if it is not one of ours.
+pub(crate) fn points(cloud: &PointCloud) -> Option<Vec<Point>> {
+    let (points, rest) = cloud.data.as_chunks::<{ STRIDE as usize }>();
+    if cloud.point_stride != STRIDE || !rest.is_empty() {
+        return None;
+    }
+    let float = |p: &[u8; STRIDE as usize], at: usize| f32::from_le_bytes([p[at], p[at + 1], p[at + 2], p[at + 3]]);
+    let marker = |p: &[u8; STRIDE as usize]| usize::from(u16::from_le_bytes([p[18], p[19]]));
+    Some(points.iter().map(|p| Point { marker: marker(p), metres: [float(p, 0), float(p, 4), float(p, 8)] }).collect())
+}
+
 /// Puts the known markers of a frame into `cloud`. `raw`: as the file has them, all of one colour.
 pub(super) fn put(cloud: &mut PointCloud, time: Timestamp, samples: &[Sample], raw: bool) {
     cloud.timestamp = Some(time);
@@ -61,8 +86,8 @@ pub(super) fn put(cloud: &mut PointCloud, time: Timestamp, samples: &[Sample], r
             (false, true) => FILLED,
             (false, false) => OBSERVED,
         };
-        for x in p {
-            cloud.data.extend(((x * 1e-3) as f32).to_le_bytes());
+        for x in metres(p) {
+            cloud.data.extend(x.to_le_bytes());
         }
         cloud.data.extend(colour);
         cloud.data.extend([u8::from(filled), 0]);

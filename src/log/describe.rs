@@ -9,7 +9,7 @@ use serde::Serialize;
 pub const NAME: &str = "take.json";
 
 /// The take, as `take.json` describes it.
-#[derive(Clone, Debug, PartialEq, Serialize, serde::Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, serde::Deserialize)]
 pub struct Description {
     /// Frames per second.
     pub rate_hz: f64,
@@ -49,7 +49,7 @@ pub struct DescribedBone {
 
 impl Description {
     /// Of a take that is shown.
-    pub(super) fn new(about: &About, shown: &Shown<'_>) -> Self {
+    pub(crate) fn new(about: &About, shown: &Shown<'_>) -> Self {
         let take = shown.raw;
         let columns = frames::columns(take);
         let place = |column: usize| columns.binary_search(&column).ok();

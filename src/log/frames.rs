@@ -206,7 +206,7 @@ fn put_states(states: &mut MarkerStates, samples: &[Sample]) {
 }
 
 /// The columns of a take that are shown: its markers, without model outputs.
-pub(super) fn columns(take: &Take) -> Vec<usize> {
+pub(crate) fn columns(take: &Take) -> Vec<usize> {
     (0..take.markers.len()).filter(|&column| take.markers[column].role == Role::Marker).collect()
 }
 

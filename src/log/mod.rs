@@ -15,6 +15,7 @@ mod mcap;
 mod metadata;
 mod names;
 mod read;
+mod replay;
 mod skeleton;
 mod terminal;
 
@@ -37,10 +38,14 @@ const FRAME_ID: &str = "lab";
 const ROOM_ID: &str = "world";
 
 pub use bone_residuals::{BoneResiduals, Residual};
+pub(crate) use cloud::{Point, metres};
+pub(crate) use describe::NAME as DESCRIPTION;
 pub use describe::{DescribedBone, Description};
 pub use events::{Event, of_gaps};
 pub use frames::Shown;
+pub(crate) use frames::columns;
 pub use mcap::{About, Attachment, Closing, Ended, LogError, McapLog, Up, Written};
 pub use metadata::METADATA;
 pub use read::{LogReadError, attachment, extract_layout, is_unfinished};
+pub(crate) use replay::{Told, replay};
 pub use terminal::Terminal;

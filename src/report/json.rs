@@ -8,18 +8,20 @@ use std::path::Path;
 impl Report {
     /// The report as JSON lines: notes, gaps, then the summary.
     pub fn json(&self) -> String {
-        self.json_of([self.output.as_deref(), self.log.as_deref(), self.fills.as_deref()], |path| path.display().to_string())
+        self.json_of([self.output.as_deref(), self.log.as_deref(), self.fills.as_deref(), self.page.as_deref()], |path| {
+            path.display().to_string()
+        })
     }
 
     /// The same for the log of the repair, which is written when only the names of files are missing.
     /// Folders are left out: a log must not depend on where it lies.
     pub fn json_for_log(&self, request: &Request) -> String {
         let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        self.json_of([Some(&request.output), request.log.as_deref(), self.fills.as_deref()], name)
+        self.json_of([Some(&request.output), request.log.as_deref(), self.fills.as_deref(), self.page.as_deref()], name)
     }
 
-    /// `written`: the take, the log and the table. `name` says how a file is called.
-    fn json_of(&self, written: [Option<&Path>; 3], name: impl Fn(&Path) -> String) -> String {
+    /// `written`: the take, the log, the table and the report to look at. `name` says how a file is called.
+    fn json_of(&self, written: [Option<&Path>; 4], name: impl Fn(&Path) -> String) -> String {
         #[derive(Serialize)]
         #[serde(tag = "message_type", rename_all = "snake_case")]
         #[allow(clippy::large_enum_variant)] // a handful, written and forgotten
@@ -36,6 +38,8 @@ impl Report {
                 log: Option<String>,
                 log_error: Option<&'a str>,
                 fills: Option<String>,
+                #[serde(skip_serializing_if = "Option::is_none")]
+                report: Option<String>,
                 dry_run: bool,
                 format: &'a str,
                 rate_hz: f64,
@@ -54,7 +58,7 @@ impl Report {
                 exit_code: u8,
             },
         }
-        let [output, log, fills] = written.map(|path| path.map(&name));
+        let [output, log, fills, report] = written.map(|path| path.map(&name));
         let mut messages: Vec<Message> =
             self.notes.iter().map(|n| Message::Note { kind: n.kind(), text: n.to_string(), matters: n.matters() }).collect();
         messages.extend(self.gaps.iter().map(Message::Gap));
@@ -64,6 +68,7 @@ impl Report {
             log,
             log_error: self.log_error.as_deref(),
             fills,
+            report,
             dry_run: self.dry_run,
             format: self.format,
             rate_hz: self.rate_hz,

@@ -139,6 +139,8 @@ pub struct Report {
     pub log_error: Option<String>,
     /// The table of filled samples.
     pub fills: Option<PathBuf>,
+    /// The report to look at.
+    pub page: Option<PathBuf>,
     /// Name of the input's format.
     pub format: &'static str,
     /// Frames per second.
@@ -179,6 +181,7 @@ impl Report {
             log: None,
             log_error: None,
             fills: request.fills.clone().filter(|_| !request.dry_run),
+            page: request.page.clone().filter(|_| !request.dry_run),
             format: opened.format.info().name,
             rate_hz: take.rate_hz,
             frames: take.frames(),

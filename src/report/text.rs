@@ -129,7 +129,7 @@ impl Report {
         if let Some(error) = &self.log_error {
             line("no log", error.clone());
         }
-        for (head, path) in [("log", &self.log), ("fills", &self.fills)] {
+        for (head, path) in [("log", &self.log), ("fills", &self.fills), ("report", &self.page)] {
             out.extend(path.iter().map(|path| style.name(head, &path.display().to_string())));
         }
         let input = self.input.display().to_string();

@@ -6,6 +6,7 @@
 //! - `auto`: what the default method says about its fills
 //! - `options`: what each option changes in the files
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
+//! - `reporting`: the report to look at
 //! - `interruptions`: runs that are killed
 //! - `terminal`: width, colours and characters of what is told
 //! - `readme`: the commands of the README
@@ -22,4 +23,5 @@ mod options;
 mod readme;
 mod refusals;
 mod repairing;
+mod reporting;
 mod terminal;

@@ -37,6 +37,7 @@ fn run_stated(bytes: &[u8], extension: &str, method: Method, stated: Stated) -> 
         in_place: false,
         log: Some(name("walk.mcap")),
         fills: Some(name("fills.csv")),
+        page: Some(name("walk.html")),
         bones: None,
         force: false,
         dry_run: false,
@@ -55,7 +56,7 @@ fn run_stated(bytes: &[u8], extension: &str, method: Method, stated: Stated) -> 
     let report = repair(&request, &mut (), &AtomicBool::new(false)).unwrap();
     let read = |path: &Path| std::fs::read(path).unwrap();
     assert_eq!(read(&input), bytes, "the input is never written");
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 4, "and nothing lies about");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 5, "and nothing lies about");
     Ran { report, output: read(&output), log: read(&name("walk.mcap")), fills: read(&name("fills.csv")) }
 }
 

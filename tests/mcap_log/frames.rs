@@ -10,7 +10,7 @@ use std::path::Path;
 
 /// Three markers, two of which have the same label, and a model output between them.
 /// `A` is missing from frame 1 and filled, `B` is missing from frame 2 and stays so.
-fn raw() -> Take {
+pub(super) fn raw() -> Take {
     let mut angles = Marker::new("LKneeAngles");
     angles.role = Role::ModelOutput;
     let markers = vec![Marker::new("S:A"), angles, Marker::new("S:B"), Marker::new("S:B")];
@@ -25,15 +25,16 @@ fn raw() -> Take {
     take.build()
 }
 
-const FILLED: Filled = Filled { frame: 1, marker: 0, gap: 0, position_mm: [3.0, 1.0, -250.0], sigma_mm: 20.0 };
+pub(super) const FILLED: Filled = Filled { frame: 1, marker: 0, gap: 0, position_mm: [3.0, 1.0, -250.0], sigma_mm: 20.0 };
 
-fn repaired() -> Take {
+pub(super) fn repaired() -> Take {
     let mut take = raw();
     assert!(take.fill(FILLED.frame, FILLED.marker, FILLED.position_mm));
     take
 }
 
-const BONES: [Bone; 2] = [Bone { a: 0, b: 2, length_mm: 400.0, spread_mm: 0.5 }, Bone { a: 2, b: 3, length_mm: 600.0, spread_mm: 0.25 }];
+pub(super) const BONES: [Bone; 2] =
+    [Bone { a: 0, b: 2, length_mm: 400.0, spread_mm: 0.5 }, Bone { a: 2, b: 3, length_mm: 600.0, spread_mm: 0.25 }];
 
 /// A log of [`repaired`], by its path.
 fn log(folder: &Path, log_rate_hz: Option<f64>) -> Vec<u8> {

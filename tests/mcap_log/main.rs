@@ -2,10 +2,11 @@
 #![allow(clippy::unwrap_used)] // a test that cannot open its own file has failed
 
 mod frames;
+mod page;
 
 use formats::{Direction, Marker, Origin, Take, TakeBuilder};
 use mocap_repair::log::{About, Attachment, Closing, LogError, METADATA, McapLog, Up, schema};
-use mocap_repair::solve::{self, Bone, Estimate, Limits, Problem, Progress, SolveError, Solver};
+use mocap_repair::solve::{self, Bone, Estimate, Limits, Observer, Problem, Progress, SolveError, Solver};
 use prost::Message;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -114,7 +115,7 @@ fn closing() -> Closing<'static> {
     }
 }
 
-fn drive(log: &mut McapLog, scripts: [Script; 3]) {
+fn drive(log: &mut impl Observer, scripts: [Script; 3]) {
     let problem = problem();
     let limits = Limits { steps: 5, tolerance: 0.0, still_mm: 0.0, interrupt: None, meter: None };
     for (stage, mut script) in (0..).zip(scripts) {

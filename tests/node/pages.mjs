@@ -1,0 +1,41 @@
+// Makes the pages that are looked at, with the program itself.
+
+import { execFileSync } from "node:child_process";
+import { mkdirSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
+import { join } from "node:path";
+
+/** Names that would do harm if any of them became markup or code. */
+export const HOSTILE = ["</script><script>document.title='owned'</script>", "<img src=x onerror=document.title='owned'>", "<!--", "a\u2028b'\"`${1}", "{{scripts}}"];
+
+function run(program, ...words) {
+  try {
+    execFileSync(program, words, { stdio: ["ignore", "pipe", "inherit"] });
+  } catch (error) {
+    // 3: the output is there, and somebody should look at it
+    if (error.status !== 3) throw error;
+  }
+}
+
+/** Path and size of each page, by name. */
+export function makePages(program, folder) {
+  rmSync(folder, { recursive: true, force: true });
+  mkdirSync(folder, { recursive: true });
+  const at = (name) => join(folder, name);
+  run(program, "demo", "-o", folder);
+  const repair = (name, input, ...options) => run(program, at(input), "-o", at(`${name}-repaired.csv`), "--report", at(`${name}.html`), ...options);
+  repair("walk", "walk-gaps.c3d");
+  repair("complete", "walk-truth.c3d");
+  // 80 % missing, most of it filled, some left open
+  const occluded = ["L*:20-330", "R*:300-690", "*:400-420", "*FIN:1-500", "C7:100-880", "*HD:100-180"].flatMap((what) => ["--missing", what]);
+  repair("occluded", "walk-gaps.c3d", "--method", "lds", "--iterations", "12", "--max-gap", "380", ...occluded);
+  repair("single", "walk-truth.c3d", "--method", "spline", "--missing", "LKNE:300-420");
+  const lines = readFileSync(at("walk-gaps.csv"), "utf8").split("\n");
+  const markers = ["LKNE", "LTHI", "RTOE", "LWRB", "RFWT"];
+  markers.forEach((marker, k) => {
+    lines[0] = lines[0].replaceAll(new RegExp(`${marker}-([xyz]) \\(mm\\)`, "g"), (_, axis) => `"${HOSTILE[k].replaceAll('"', '""')}-${axis} (mm)"`);
+  });
+  const hostile = "<img src=x onerror=document.title='owned'>.csv";
+  writeFileSync(at(hostile), lines.join("\n"));
+  repair("hostile", hostile, "--method", "spline", "--rate", "120", "--units", "mm");
+  return Object.fromEntries(["walk", "complete", "occluded", "single", "hostile"].map((name) => [name, { path: at(`${name}.html`), bytes: statSync(at(`${name}.html`)).size }]));
+}
