@@ -6,9 +6,9 @@ use crate::output::{self, Names, Way, Written};
 use crate::repair::RepairError;
 use crate::report::{count, lines, short};
 use crate::staging;
+use crate::typeset::Style;
 use formats::{Direction, Format, Note, Notes, Role, Take, Unit};
 use serde::Serialize;
-use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 /// What is wanted.
@@ -195,22 +195,19 @@ impl Converted {
     }
 
     /// For people.
-    pub fn text(&self) -> String {
-        let mut out = String::new();
-        // writing to a String cannot fail, hence the ignored results
-        let _ = writeln!(out, "{} -> {}", self.input.display(), self.output.display());
+    pub fn text(&self, style: &Style) -> String {
+        let mut out = style.way(&self.input.display().to_string(), &self.output.display().to_string());
         let how = if self.copied { format!("{}, copied byte for byte", self.from) } else { format!("{} to {}", self.from, self.to) };
         let up = self.up.map(|up| format!(", {up} up")).unwrap_or_default();
-        let _ = writeln!(
-            out,
-            "  {how}: {}, {} at {} Hz, in {}{up}",
+        out.push_str(&style.sentence(&format!(
+            "{how}: {}, {} at {} Hz, in {}{up}",
             count(self.markers, "marker"),
             count(self.frames, "frame"),
             short(self.rate_hz),
             self.unit.symbol()
-        );
+        )));
         for note in &self.notes {
-            let _ = writeln!(out, "  {:<10} {}", if note.matters() { "look at" } else { "note" }, told(note));
+            out.push_str(&style.item(if note.matters() { "look at" } else { "note" }, &told(note)));
         }
         out
     }

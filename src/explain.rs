@@ -3,6 +3,7 @@
 use crate::report::{Report, count};
 use crate::solve::auto::Explanation;
 use crate::solve::{Gap, Problem};
+use crate::typeset::{Style, Tone, wrap};
 use formats::Take;
 use serde::Serialize;
 use std::fmt::Write;
@@ -79,32 +80,31 @@ impl Report {
     }
 
     /// For people: why each gap was filled as it was.
-    pub fn explanation_text(&self) -> String {
+    pub fn explanation_text(&self, style: &Style) -> String {
         let mut out = String::new();
         for gap in &self.gaps {
             let what =
                 format!("gap {}: {}, {} to {}, {}", gap.gap, gap.marker, gap.first_frame, gap.last_frame, count(gap.frames, "frame"));
-            let _ = writeln!(out, "{what}{}", gap.why.map_or_else(String::new, |why| format!(", left open: {}", why.reason())));
+            let open = gap.why.map_or_else(String::new, |why| format!(", left open: {}", why.reason()));
+            for (at, line) in wrap(&(what + &open), style.text_columns() - 4).iter().enumerate() {
+                let _ = writeln!(out, "{}{}", if at > 0 { "    " } else { "" }, style.toned(Tone::Title, line));
+            }
             for part in &gap.explanation {
-                let _ = writeln!(
-                    out,
-                    "  frames     {} to {}: predicted error {:.1} mm, judged by {}",
-                    part.first_frame,
-                    part.last_frame,
-                    part.predicted_mm,
-                    match part.simulated_gaps {
-                        0 => "nothing: too little was seen".to_owned(),
-                        n => format!("{} of {}", count(n, "simulated gap"), count(part.simulated_frames, "frame")),
-                    }
-                );
+                let judged = match part.simulated_gaps {
+                    0 => "nothing: too little was seen".to_owned(),
+                    n => format!("{} of {}", count(n, "simulated gap"), count(part.simulated_frames, "frame")),
+                };
+                let frames = format!("{} to {}", part.first_frame, part.last_frame);
+                out.push_str(&style.item("frames", &format!("{frames}: predicted error {:.1} mm, judged by {judged}", part.predicted_mm)));
                 if !part.neighbours.is_empty() {
                     let shown = part.neighbours.iter().take(8).cloned().collect::<Vec<_>>().join(" ");
                     let more = part.neighbours.len().saturating_sub(8);
-                    let _ = writeln!(out, "  neighbours {shown}{}", if more > 0 { format!(" and {more} more") } else { String::new() });
+                    let more = if more > 0 { format!(" and {more} more") } else { String::new() };
+                    out.push_str(&style.item("neighbours", &format!("{shown}{more}")));
                 }
                 for share in part.experts.iter().take(5) {
                     let error = share.error_mm.map_or_else(String::new, |e| format!(", error {e:.1} mm on simulated gaps"));
-                    let _ = writeln!(out, "  {:>3.0} %      {}{error}", 100.0 * share.share, share.expert);
+                    out.push_str(&style.item(&format!("{:>3.0} %", 100.0 * share.share), &format!("{}{error}", share.expert)));
                 }
             }
         }

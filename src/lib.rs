@@ -12,6 +12,7 @@
 //! - [`page`]: the report to look at, one HTML file
 //! - [`staging`], [`verify`]: files appear whole or not at all, and only after they were proven
 //! - [`demo`]: a synthetic take to try it on
+//! - [`typeset`]: how wide and in which colours text is set
 //! - [`cli`]: what was typed
 
 pub mod bones;
@@ -34,4 +35,5 @@ pub mod repair;
 pub mod report;
 pub mod solve;
 pub mod staging;
+pub mod typeset;
 pub mod verify;

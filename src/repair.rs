@@ -75,7 +75,10 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
     if !request.dry_run {
         request.names().check()?;
     }
+    let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+    watch.phase(&format!("reading {}", name(&request.input)));
     let opened = open(&request.input, &request.reading)?;
+    watch.phase("looking for gaps and bones");
     let before = opened.document.take();
     let found = gaps(before);
     let (bones, stated_bones) = chosen_bones(request, before)?;
@@ -91,9 +94,15 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         let mut log = start_log(request, about.clone(), &mut report);
         let mut curves = request.page.is_some().then(Curves::default);
         if decisions.iter().any(Result::is_ok) && problem.markers() > 0 {
-            let limits =
-                Limits { steps: request.iterations, tolerance: request.tolerance, interrupt: Some(interrupt), ..Limits::default() };
-            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, (&mut curves, watch)));
+            let meter = watch.meter();
+            let limits = Limits {
+                steps: request.iterations,
+                tolerance: request.tolerance,
+                interrupt: Some(interrupt),
+                meter: meter.as_deref(),
+                ..Limits::default()
+            };
+            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, (&mut curves, &mut *watch)));
             if interrupt.load(Ordering::Relaxed) {
                 let log = log.and_then(|log| leave_log(log, before, &bones, request, Ended::Interrupted));
                 return Err(RepairError::Interrupted { path: request.input.clone(), log: Left(log) });
@@ -115,7 +124,9 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
         report.attach_explanations(&found);
         drop(problem); // as large as the take, and of no more use
-        return write_out(request, opened, repaired, &found, &bones, Watched { about, log, curves }, report);
+        watch.phase(&format!("writing and checking {}", name(&request.output)));
+        let found = Found { gaps: &found, bones: &bones, about, curves };
+        return write_out(request, opened, repaired, found, log, report, watch);
     }
     report.notes = opened.notes.take();
     Ok(report)
@@ -248,10 +259,11 @@ fn start_log(request: &Request, about: About, report: &mut Report) -> Option<Mca
     }
 }
 
-/// What was seen of the repair while it went on.
-struct Watched {
+/// What was found in a take, and what was seen while it was repaired.
+struct Found<'a> {
+    gaps: &'a [Gap],
+    bones: &'a [Bone],
     about: About,
-    log: Option<McapLog>,
     curves: Option<Curves>,
 }
 
@@ -260,10 +272,10 @@ fn write_out(
     request: &Request,
     opened: Opened,
     mut repaired: Take,
-    gaps: &[Gap],
-    bones: &[Bone],
-    watched: Watched,
+    Found { gaps, bones, about, curves }: Found<'_>,
+    log: Option<McapLog>,
     mut report: Report,
+    watch: &mut dyn Observer,
 ) -> Result<Report, RepairError> {
     let target = &request.output;
     let before = opened.document.take().clone(); // shares its positions
@@ -285,13 +297,15 @@ fn write_out(
         placed.keep(path).and_then(|()| staging::publish(table, path)).map_err(|e| unwritable(path, &e))?;
     }
     let shown = Shown { raw: &before, repaired: Some(&repaired), bones, samples: &report.samples, log_rate_hz: request.log_rate_hz };
-    if let (Some(path), Some(curves)) = (&request.page, &watched.curves) {
-        let page = Page::of_repair(&watched.about, shown, &report.json_for_log(request), curves);
+    if let (Some(path), Some(curves)) = (&request.page, &curves) {
+        watch.phase("writing the report");
+        let page = Page::of_repair(&about, shown, &report.json_for_log(request), curves);
         let written = page.map_err(io::Error::other).and_then(|page| page.stage(path));
         let file = written.map_err(|e| unwritable(path, &e))?;
         placed.keep(path).and_then(|()| staging::publish(file, path)).map_err(|e| unwritable(path, &e))?;
     }
-    if let (Some(log), Some(path)) = (watched.log, &request.log) {
+    if let (Some(log), Some(path)) = (log, &request.log) {
+        watch.phase("writing the log");
         let mut events = log::of_gaps(gaps, &report.gaps);
         events.extend(report.notes.iter().map(|note| Event::note(note.matters(), note.to_string())));
         let closing = Closing {

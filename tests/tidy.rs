@@ -33,6 +33,7 @@ const LICENCES: &[&str] = &[
 const TWICE: &[(&str, &str)] = &[
     ("hashbrown", "petgraph wants an older one than its own indexmap; both are for the build script only"),
     ("syn", "the derive macros are on their way from version 2 to 3; none of it is in the program"),
+    ("unicode-width", "miette wants an older one; it is for the build script only"),
 ];
 
 fn root() -> &'static Path {

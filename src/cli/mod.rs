@@ -12,13 +12,14 @@ use crate::log::{self, Terminal};
 use crate::page;
 use crate::repair::{RepairError, neighbours, repair};
 use crate::report::lines;
-use crate::solve::Method;
 use crate::solve::auto::Stiffness;
+use crate::solve::{Method, Observer};
+use crate::typeset::{Style, Tone};
 use args::{BonesArg, ConvertArgs, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
 use clap::{CommandFactory, Parser, Subcommand, error::ErrorKind};
 use formats::printable;
 use serde::Serialize;
-use std::io::{IsTerminal, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -56,7 +57,13 @@ enum Command {
         inputs: Vec<PathBuf>,
         #[command(flatten)]
         stated: StatedArgs,
-        /// One JSON document per take
+        /// Show all markers of the gap map, all gaps and all bones, however many
+        #[arg(long)]
+        all: bool,
+        /// Draw with ASCII characters only [default: by the locale]
+        #[arg(long)]
+        ascii: bool,
+        /// One JSON document per take, which has everything
         #[arg(long)]
         json: bool,
     },
@@ -107,7 +114,10 @@ pub fn main(interrupt: &AtomicBool) -> u8 {
         }
     };
     match cli.command {
-        Some(Command::Inspect { inputs, stated, json }) => inspect(&inputs, &stated.reading(), json),
+        Some(Command::Inspect { inputs, stated, all, ascii, json }) => {
+            let style = Style::of_stdout();
+            inspect(&inputs, &stated.reading(), (!json).then_some((Style { ascii: ascii || style.ascii, ..style }, all)))
+        }
         Some(Command::Bones { input, stated }) => print_bones(&input, &stated.reading()),
         Some(Command::Convert(args)) => run_convert(&args),
         Some(Command::Layout(args)) => written(log::extract_layout(&args.log, &args.output, args.force)),
@@ -132,7 +142,7 @@ fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
         return 2;
     }
     let request = args.request();
-    let mut terminal = (std::io::stderr().is_terminal() && !args.quiet && !args.json).then(|| Terminal::new(&request.input));
+    let mut terminal = watching(args.quiet || args.json);
     let result = repair(&request, &mut terminal, interrupt);
     drop(terminal);
     match result {
@@ -140,9 +150,10 @@ fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
             if args.json {
                 print(&report.json());
             } else if !args.quiet {
-                print(&report.text());
+                let style = Style::of_stdout();
+                print(&report.text(&style));
                 if args.explain {
-                    print(&format!("\n{}", report.explanation_text()));
+                    print(&format!("\n{}", report.explanation_text(&style)));
                 }
             }
             report.exit_code()
@@ -155,12 +166,16 @@ fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
 }
 
 fn run_convert(args: &ConvertArgs) -> u8 {
-    match convert(&args.conversion()) {
+    let conversion = args.conversion();
+    let waiting = waiting(&format!("converting {}", conversion.input.display()), args.quiet || args.json);
+    let converted = convert(&conversion);
+    drop(waiting);
+    match converted {
         Ok(converted) => {
             if args.json {
                 print(&converted.json());
             } else if !args.quiet {
-                print(&converted.text());
+                print(&converted.text(&Style::of_stdout()));
             }
             converted.exit_code()
         }
@@ -172,20 +187,21 @@ fn run_convert(args: &ConvertArgs) -> u8 {
     }
 }
 
-fn inspect(inputs: &[PathBuf], reading: &Reading, json: bool) -> u8 {
+/// `set`: how it is set for people, and whether everything is shown; `None` for scripts.
+fn inspect(inputs: &[PathBuf], reading: &Reading, set: Option<(Style, bool)>) -> u8 {
     let mut code = 0;
     for (at, path) in inputs.iter().enumerate() {
-        match open(path, reading) {
-            Ok(opened) => {
-                let inspection = Inspection::new(path, &opened);
-                if json {
-                    print(&inspection.json());
-                } else {
-                    print(&format!("{}{}", if at > 0 { "\n" } else { "" }, inspection.text()));
-                }
+        let inspected = {
+            let _waiting = waiting(&format!("reading {}", path.display()), set.is_none());
+            open(path, reading).map(|opened| Inspection::new(path, &opened))
+        };
+        match (inspected, &set) {
+            (Ok(inspection), None) => print(&inspection.json()),
+            (Ok(inspection), Some((style, all))) => {
+                print(&format!("{}{}", if at > 0 { "\n" } else { "" }, inspection.text(style, *all)));
             }
-            Err(error) => {
-                fail(&error.to_string(), json);
+            (Err(error), _) => {
+                fail(&error.to_string(), set.is_none());
                 code = 1;
             }
         }
@@ -193,11 +209,29 @@ fn inspect(inputs: &[PathBuf], reading: &Reading, json: bool) -> u8 {
     code
 }
 
+/// Progress on a terminal, unless it is not to be shown.
+fn watching(silent: bool) -> Option<Terminal> {
+    if silent { None } else { Terminal::new() }
+}
+
+/// The same for work that has no parts: it is shown until it is dropped.
+fn waiting(doing: &str, silent: bool) -> Option<Terminal> {
+    let mut terminal = watching(silent);
+    terminal.phase(doing);
+    terminal
+}
+
 fn print_bones(path: &Path, reading: &Reading) -> u8 {
-    match open(path, reading) {
-        Ok(opened) => {
+    let found = {
+        let _waiting = waiting(&format!("looking for bones in {}", path.display()), false);
+        open(path, reading).map(|opened| {
             let take = opened.document.take();
-            print(&bones::write(&bones::find(take, &neighbours(take)), take));
+            bones::write(&bones::find(take, &neighbours(take)), take)
+        })
+    };
+    match found {
+        Ok(bones) => {
+            print(&bones);
             0
         }
         Err(error) => {
@@ -243,7 +277,7 @@ fn fail(error: &str, json: bool) {
     if json {
         print(&lines(&[Message { text: error.to_owned() }]));
     } else {
-        eprintln!("mocap-repair: {}", printable(error));
+        eprintln!("{} {}", Style::of_stderr().toned(Tone::Alarm, "mocap-repair:"), printable(error));
     }
 }
 

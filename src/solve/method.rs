@@ -105,13 +105,18 @@ impl Method {
 
     /// Solves `problem` from beginning to end, stage by stage.
     pub fn solve(self, problem: &Problem, settings: &Settings, limits: &Limits<'_>, observer: &mut dyn Observer) -> Solved {
+        observer.phase("preparing the model");
         let mut first = self.solver(problem, settings);
         let begin = if self == Self::Auto { Auto::body_limits(limits) } else { *limits };
         let outcome = run(first.as_mut(), problem, 0, &begin, observer);
         let mut solved = Solved { stages: vec![Stage { method: first.name(), outcome }], ..Solved::default() };
         if self == Self::Auto && solved.goes_on() {
-            let mut auto = Auto::new(problem, settings.recipe, settings.stiffness)
-                .with_body(first.estimate(), &begin, &|judged| self.solver(judged, settings));
+            observer.phase("judging the model on simulated gaps");
+            let mut auto = Auto::new(problem, settings.recipe, settings.stiffness).counting(limits.meter).with_body(
+                first.estimate(),
+                &begin,
+                &|judged| self.solver(judged, settings),
+            );
             let outcome = run(&mut auto, problem, 1, &Limits { steps: settings.recipe.sweeps, ..*limits }, observer);
             solved.stages.push(Stage { method: auto.name(), outcome });
             solved.estimate = auto.estimate().clone();

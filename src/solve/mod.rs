@@ -10,13 +10,16 @@ pub(crate) mod forest;
 pub mod interpolate;
 mod kernel;
 pub mod lds;
+mod meter;
 mod method;
 pub mod msvd;
 mod problem;
 
+pub use meter::Meter;
 pub use method::{Method, Settings, Solved, Stage};
 pub use problem::{Bone, Gap, Problem};
 
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 /// What a solver knows about the missing samples, in the order of [`Problem::missing`].
@@ -87,12 +90,14 @@ pub struct Limits<'a> {
     pub still_mm: f64,
     /// Stop when this becomes true.
     pub interrupt: Option<&'a AtomicBool>,
+    /// Count here what is done within a step.
+    pub meter: Option<&'a Meter>,
 }
 
 impl Default for Limits<'_> {
     /// What the command does if nothing is said: most takes settle in 20 to 40 steps.
     fn default() -> Self {
-        Self { steps: 100, tolerance: 1e-4, still_mm: 0.5, interrupt: None }
+        Self { steps: 100, tolerance: 1e-4, still_mm: 0.5, interrupt: None, meter: None }
     }
 }
 
@@ -173,6 +178,12 @@ pub trait Observer {
     fn stepped(&mut self, _step: &Step<'_>) {}
     /// After the last step.
     fn stopped(&mut self, _outcome: &Outcome) {}
+    /// Outside of stages: what is being done now, in a few words that follow "it is".
+    fn phase(&mut self, _doing: &str) {}
+    /// Where to count what is done within a step; `None` if nobody looks.
+    fn meter(&self) -> Option<Arc<Meter>> {
+        None
+    }
 }
 
 impl Observer for () {}
@@ -190,6 +201,13 @@ impl<A: Observer, B: Observer> Observer for (A, B) {
         self.0.stopped(outcome);
         self.1.stopped(outcome);
     }
+    fn phase(&mut self, doing: &str) {
+        self.0.phase(doing);
+        self.1.phase(doing);
+    }
+    fn meter(&self) -> Option<Arc<Meter>> {
+        self.0.meter().or_else(|| self.1.meter())
+    }
 }
 
 impl<O: Observer + ?Sized> Observer for &mut O {
@@ -201,6 +219,12 @@ impl<O: Observer + ?Sized> Observer for &mut O {
     }
     fn stopped(&mut self, outcome: &Outcome) {
         (**self).stopped(outcome);
+    }
+    fn phase(&mut self, doing: &str) {
+        (**self).phase(doing);
+    }
+    fn meter(&self) -> Option<Arc<Meter>> {
+        (**self).meter()
     }
 }
 
@@ -219,6 +243,14 @@ impl<O: Observer> Observer for Option<O> {
         if let Some(o) = self {
             o.stopped(outcome);
         }
+    }
+    fn phase(&mut self, doing: &str) {
+        if let Some(o) = self {
+            o.phase(doing);
+        }
+    }
+    fn meter(&self) -> Option<Arc<Meter>> {
+        self.as_ref().and_then(Observer::meter)
     }
 }
 

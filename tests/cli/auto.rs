@@ -42,8 +42,8 @@ fn checked(gap: &Value) -> &Value {
 #[test]
 fn explain_prints_who_filled_each_gap() {
     let lab = lab();
-    let explained = lab.run(&["gaps.c3d", "-o", "walk.c3d", "--explain"]).with_code(3).out;
-    let plain = lab.run(&["gaps.c3d", "-o", "walk.c3d", "--force"]).with_code(3).out;
+    let explained = lab.run(&["gaps.c3d", "-o", "walk.c3d", "--explain"]).with_code(3).sentences();
+    let plain = lab.run(&["gaps.c3d", "-o", "walk.c3d", "--force"]).with_code(3).sentences();
     let added: Vec<&str> = explained.lines().filter(|line| !plain.lines().any(|other| other == *line)).collect();
     let heads: Vec<&str> = added.iter().copied().filter(|line| line.starts_with("gap ")).collect();
     let gaps: Vec<(&str, &str)> = heads.iter().map(|line| line.split_once(": ").unwrap()).collect();

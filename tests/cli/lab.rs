@@ -38,6 +38,11 @@ impl Ran {
         self
     }
 
+    /// What was told, with sentences in one piece that were wrapped.
+    pub fn sentences(&self) -> String {
+        self.out.replace("\n             ", " ")
+    }
+
     /// The lines of `--json`.
     #[track_caller]
     pub fn messages(&self) -> Vec<serde_json::Value> {

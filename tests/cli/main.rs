@@ -8,6 +8,7 @@
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
 //! - `reporting`: the report to look at
 //! - `interruptions`: runs that are killed
+//! - `terminal`: width, colours and characters of what is told
 //! - `readme`: the commands of the README
 //!
 //! How good the filled samples are is measured elsewhere, on the library.
@@ -23,3 +24,4 @@ mod readme;
 mod refusals;
 mod repairing;
 mod reporting;
+mod terminal;

@@ -56,7 +56,7 @@ fn fills_has_a_row_for_each_filled_sample() {
     for (method, knows_its_error) in [("linear", false), ("spline", false), ("lds", true), ("bolero-sc", true)] {
         let (output, table) = (format!("{method}.c3d"), format!("{method}.csv"));
         let ran = lab.run(&["walk-gaps.c3d", "-o", &output, "--fills", &table, "--method", method]).with_code(0);
-        assert!(ran.out.ends_with(&format!("\n  fills      {table}\n")), "{}", ran.out);
+        assert!(ran.out.contains(&format!("\n  fills      {table}\n")), "{}", ran.out);
         let (rows, take) = (fills(&lab, &table), lab.take(&output));
         let mut cells: Vec<(usize, usize)> = rows.iter().map(|row| (row.frame_index, column(&take, &row.marker))).collect();
         assert!(rows.windows(2).all(|w| (w[0].gap, w[0].frame_index) < (w[1].gap, w[1].frame_index)), "gap by gap, frame by frame");

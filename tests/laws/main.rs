@@ -96,7 +96,7 @@ fn repaired(take: &Take, method: Method, settings: &Settings, rounds: usize, ext
     let problem = Problem::new(take, &every, &bones::find(take, &every));
     let mut filled = take.clone();
     if problem.markers() > 0 {
-        let limits = Limits { steps: rounds as u32, tolerance: 0.0, still_mm: 0.0, interrupt: None };
+        let limits = Limits { steps: rounds as u32, tolerance: 0.0, still_mm: 0.0, interrupt: None, meter: None };
         let solved = method.solve(&problem, settings, &limits, &mut ());
         fills::fill(&mut filled, &problem, &solved.estimate, &gaps, &mut decisions, None);
     }

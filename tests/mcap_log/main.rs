@@ -117,7 +117,7 @@ fn closing() -> Closing<'static> {
 
 fn drive(log: &mut impl Observer, scripts: [Script; 3]) {
     let problem = problem();
-    let limits = Limits { steps: 5, tolerance: 0.0, still_mm: 0.0, interrupt: None };
+    let limits = Limits { steps: 5, tolerance: 0.0, still_mm: 0.0, interrupt: None, meter: None };
     for (stage, mut script) in (0..).zip(scripts) {
         solve::run(&mut script, &problem, stage, &limits, log);
     }
@@ -358,7 +358,7 @@ fn a_method_without_a_likelihood_has_no_messages_but_a_log() {
     let path = folder.path().join("walk.mcap");
     let mut log = McapLog::create(&path, About { method: "linear".into(), ..about() }).unwrap();
     let mut linear = Script::new("linear", &[(None, None, [1.0; 3])]);
-    solve::run(&mut linear, &problem(), 0, &Limits { steps: 1, tolerance: 0.0, still_mm: 0.0, interrupt: None }, &mut log);
+    solve::run(&mut linear, &problem(), 0, &Limits { steps: 1, tolerance: 0.0, still_mm: 0.0, interrupt: None, meter: None }, &mut log);
     log.finish(&Closing::default()).unwrap();
     let bytes = std::fs::read(&path).unwrap();
     let Told { likelihoods, residuals, events, .. } = messages(&bytes);
@@ -375,7 +375,7 @@ fn many_iterations_fill_many_chunks() {
     let path = folder.path().join("long.mcap");
     let steps: Vec<_> = (0..8000).map(|k| (Some(f64::from(k)), Some(1.0), [0.0; 3])).collect();
     let mut log = McapLog::create(&path, about()).unwrap();
-    let limits = Limits { steps: u32::MAX, tolerance: 0.0, still_mm: 0.0, interrupt: None };
+    let limits = Limits { steps: u32::MAX, tolerance: 0.0, still_mm: 0.0, interrupt: None, meter: None };
     solve::run(&mut Script::new("lds", &steps), &problem(), 0, &limits, &mut log);
     assert_eq!(log.finish(&Closing::default()).unwrap().messages, 16_002);
     let bytes = std::fs::read(&path).unwrap();

@@ -248,7 +248,7 @@ fn the_likelihood_never_falls_without_bones() {
     ] {
         let problem = Problem::new(take, &vec![true; take.markers.len()], &[]);
         let mut solver = Method::Lds.solver(&problem, &Settings::default());
-        let limits = Limits { steps: 40, tolerance: 0.0, still_mm: -1.0, interrupt: None };
+        let limits = Limits { steps: 40, tolerance: 0.0, still_mm: -1.0, interrupt: None, meter: None };
         let mut claims = Claims::default();
         let outcome = run(solver.as_mut(), &problem, 0, &limits, &mut claims);
         assert_eq!((outcome.stop, outcome.steps, claims.0.len()), (Stop::StepLimit, 40, 40), "{what}");

@@ -5,7 +5,7 @@
 
 use super::simulate::{Seen, Simulation};
 use super::tracks::Tracks;
-use crate::solve::{Estimate, Gap, Limits, Problem, Solver, run};
+use crate::solve::{Estimate, Gap, Limits, Meter, Observer, Problem, Solver, Step, run};
 
 /// No more than this share of what was seen is hidden for the sake of judgement.
 const MOST_HIDDEN: f64 = 0.15;
@@ -65,7 +65,10 @@ impl Body {
         if !body.hidden.is_empty() {
             let judged = problem.hiding(&body.hidden);
             let mut model = solver(&judged);
-            run(model.as_mut(), &judged, 0, limits, &mut ());
+            if let Some(meter) = limits.meter {
+                meter.begin(limits.steps as usize);
+            }
+            run(model.as_mut(), &judged, 0, limits, &mut limits.meter.map(Rounds));
             let places = &model.estimate().positions_mm;
             body.said =
                 body.hidden.iter().map(|sample| judged.missing.binary_search(sample).map_or([f64::NAN; 3], |k| places[k])).collect();
@@ -87,6 +90,15 @@ impl Body {
     pub fn said(&self, t: usize, marker: usize) -> Option<[f64; 3]> {
         let k = self.hidden.binary_search(&(t, marker)).ok()?;
         self.said.get(k).copied().filter(|x| x[0].is_finite())
+    }
+}
+
+/// Counts the rounds of a model that nobody else watches.
+struct Rounds<'a>(&'a Meter);
+
+impl Observer for Rounds<'_> {
+    fn stepped(&mut self, _step: &Step<'_>) {
+        self.0.count();
     }
 }
 

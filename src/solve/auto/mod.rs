@@ -18,7 +18,7 @@ mod tracks;
 pub use adjust::Stiffness;
 pub use tracks::LEAST_SEEN;
 
-use super::{Estimate, Gap, Limits, Problem, Progress, SolveError, Solver};
+use super::{Estimate, Gap, Limits, Meter, Problem, Progress, SolveError, Solver};
 use adjust::Adjustment;
 use blackout::Blackout;
 use body::Body;
@@ -160,6 +160,7 @@ pub struct Auto<'a> {
     stiffness: Stiffness,
     sweep: u32,
     estimate: Estimate,
+    meter: Option<&'a Meter>,
 }
 
 impl<'a> Auto<'a> {
@@ -208,12 +209,19 @@ impl<'a> Auto<'a> {
             stiffness,
             sweep: 0,
             estimate: Estimate::open(problem.missing.len()),
+            meter: None,
         };
         // limbs take many experts, so in a take that is mostly occluded only the longest gaps get them
         let mut limbs: Vec<usize> = auto.limbs().iter().map(Gap::frames).collect();
         limbs.sort_unstable_by(|a, b| b.cmp(a));
         auto.long_limb = limbs.get(MOST_LIMBS).map_or(0, |frames| frames + 1);
         auto
+    }
+
+    /// Counts the gaps of each sweep as they are filled.
+    #[must_use]
+    pub fn counting(self, meter: Option<&'a Meter>) -> Self {
+        Self { meter, ..self }
     }
 
     /// Gaps whose rigid neighbours are missing, too.
@@ -313,22 +321,28 @@ impl Solver for Auto<'_> {
 
     fn step(&mut self) -> Result<Progress, SolveError> {
         let scale = self.problem.rate_hz / 120.0;
+        let has_gaps: Vec<bool> = self.seen.iter().map(|s| s.frames.len() < s.len()).collect();
+        let todo: Vec<usize> = (0..self.gaps.len())
+            .filter(|&g| self.fillings[g].as_ref().is_none_or(|f: &Filling| f.neighbours.iter().any(|&j| has_gaps[j])))
+            .collect();
+        let meter = self.meter;
+        let count = || meter.iter().for_each(|meter| meter.count());
+        if let Some(meter) = meter {
+            meter.begin(self.blackouts.len() + todo.len());
+        }
         let bridges: Vec<Vec<Filling>> = self
             .blackouts
             .iter()
             .zip(&self.body_of)
             .map(|(blackout, &body)| blackout::fill(&self.tracks, blackout, &self.dark[body], scale, self.recipe.analogs))
+            .inspect(|_| count())
             .collect();
         for filling in bridges.iter().flatten() {
             Self::put(&mut self.tracks, filling);
         }
         self.bridges = bridges;
         let scene = self.scene();
-        let has_gaps: Vec<bool> = self.seen.iter().map(|s| s.frames.len() < s.len()).collect();
-        let todo: Vec<usize> = (0..self.gaps.len())
-            .filter(|&g| self.fillings[g].as_ref().is_none_or(|f: &Filling| f.neighbours.iter().any(|&j| has_gaps[j])))
-            .collect();
-        let new: Vec<Filling> = todo.par_iter().map(|&g| scene.fill(&self.gaps[g])).collect();
+        let new: Vec<Filling> = todo.par_iter().map(|&g| scene.fill(&self.gaps[g])).inspect(|_| count()).collect();
         for (g, filling) in todo.into_iter().zip(new) {
             self.fillings[g] = Some(filling);
         }

@@ -1,5 +1,8 @@
 //! What a repair did, for people, for scripts, and for the exit code.
 
+mod json;
+mod text;
+
 use crate::explain::Part;
 use crate::fills::Filled;
 use crate::gaps::Open;
@@ -8,8 +11,9 @@ use crate::repair::Request;
 use crate::solve::{Bone, Gap, Stage, Stop};
 use formats::{Note, Origin, Take};
 use serde::Serialize;
-use std::fmt::Write;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
+
+pub use json::lines;
 
 /// What happened to one gap.
 #[derive(Clone, Debug, Serialize)]
@@ -89,18 +93,6 @@ impl StageReport {
             log_likelihood: outcome.last.and_then(|p| p.log_likelihood),
             rms_residual_mm: outcome.last.and_then(|p| p.rms_residual_mm),
         }
-    }
-}
-
-impl StageReport {
-    /// In a few words: what it was, why and when it ended, and what came before.
-    fn text(&self, before: &[Self]) -> String {
-        let mut said = Vec::new();
-        if self.stop != Stop::Converged.word() || self.log_likelihood.is_some() || self.iterations > 1 {
-            said.push(format!("{} after {}", self.stop.replace('-', " "), count(self.iterations as usize, "iteration")));
-        }
-        said.extend(before.iter().map(|s| format!("{} of {} before", s.iterations, s.method)));
-        if said.is_empty() { self.method.to_owned() } else { format!("{} ({})", self.method, said.join(", ")) }
     }
 }
 
@@ -280,196 +272,6 @@ impl Report {
         }
         results
     }
-
-    /// The report as JSON lines: notes, gaps, then the summary.
-    pub fn json(&self) -> String {
-        self.json_of([self.output.as_deref(), self.log.as_deref(), self.fills.as_deref(), self.page.as_deref()], |path| {
-            path.display().to_string()
-        })
-    }
-
-    /// The same for the log of the repair, which is written when only the names of files are missing.
-    /// Folders are left out: a log must not depend on where it lies.
-    pub fn json_for_log(&self, request: &Request) -> String {
-        let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        self.json_of([Some(&request.output), request.log.as_deref(), self.fills.as_deref(), self.page.as_deref()], name)
-    }
-
-    /// `written`: the take, the log, the table and the report to look at. `name` says how a file is called.
-    fn json_of(&self, written: [Option<&Path>; 4], name: impl Fn(&Path) -> String) -> String {
-        #[derive(Serialize)]
-        #[serde(tag = "message_type", rename_all = "snake_case")]
-        #[allow(clippy::large_enum_variant)] // a handful, written and forgotten
-        enum Message<'a> {
-            Note {
-                kind: &'a str,
-                text: String,
-                matters: bool,
-            },
-            Gap(&'a GapReport),
-            Summary {
-                input: String,
-                output: Option<String>,
-                log: Option<String>,
-                log_error: Option<&'a str>,
-                fills: Option<String>,
-                #[serde(skip_serializing_if = "Option::is_none")]
-                report: Option<String>,
-                dry_run: bool,
-                format: &'a str,
-                rate_hz: f64,
-                frames: usize,
-                markers: usize,
-                bones: usize,
-                method: &'a str,
-                stages: &'a [StageReport],
-                gaps: usize,
-                gaps_left_open: usize,
-                samples_missing: usize,
-                samples_filled: usize,
-                longest_gap: usize,
-                worst_sigma_mm: Option<f64>,
-                bone_judgement: Option<&'a BoneJudgement>,
-                exit_code: u8,
-            },
-        }
-        let [output, log, fills, report] = written.map(|path| path.map(&name));
-        let mut messages: Vec<Message> =
-            self.notes.iter().map(|n| Message::Note { kind: n.kind(), text: n.to_string(), matters: n.matters() }).collect();
-        messages.extend(self.gaps.iter().map(Message::Gap));
-        messages.push(Message::Summary {
-            input: name(&self.input),
-            output,
-            log,
-            log_error: self.log_error.as_deref(),
-            fills,
-            report,
-            dry_run: self.dry_run,
-            format: self.format,
-            rate_hz: self.rate_hz,
-            frames: self.frames,
-            markers: self.markers,
-            bones: self.bones,
-            method: self.method,
-            stages: &self.stages,
-            gaps: self.gaps.len(),
-            gaps_left_open: self.open_gaps().count(),
-            samples_missing: self.missing_samples(),
-            samples_filled: self.samples.len(),
-            longest_gap: self.gaps.iter().map(|g| g.frames).max().unwrap_or(0),
-            worst_sigma_mm: self.gaps.iter().filter_map(|g| g.worst_sigma_mm).reduce(f64::max),
-            bone_judgement: self.bone_judgement.as_ref(),
-            exit_code: self.exit_code(),
-        });
-        lines(&messages)
-    }
-
-    /// The report for people: at most 80 columns where names allow it.
-    pub fn text(&self) -> String {
-        let mut out = String::new();
-        let mut line = |head: &str, text: String| {
-            let _ = writeln!(out, "  {head:<10} {text}"); // writing to a String cannot fail
-        };
-        let seconds = self.frames as f64 / self.rate_hz;
-        let how = if self.bones_stated { "stated" } else { "found" };
-        line(
-            "take",
-            format!(
-                "{} at {} Hz ({seconds:.1} s), {}, {} {how}",
-                count(self.frames, "frame"),
-                short(self.rate_hz),
-                count(self.markers, "marker"),
-                count(self.bones, "bone")
-            ),
-        );
-        let missing = self.missing_samples();
-        match self.gaps.iter().max_by_key(|g| g.frames) {
-            None => line("gaps", "none".to_owned()),
-            Some(longest) => {
-                let share = 100.0 * missing as f64 / (self.frames * self.markers).max(1) as f64;
-                line("gaps", format!("{} with {} ({share:.1} %)", self.gaps.len(), count(missing, "sample")));
-                line(
-                    "longest",
-                    format!("{}: {}, {} to {}", count(longest.frames, "frame"), longest.marker, longest.first_frame, longest.last_frame),
-                );
-            }
-        }
-        if !self.dry_run && !self.gaps.is_empty() {
-            let filled = self.gaps.len() - self.open_gaps().count();
-            let by = self.stages.split_last().map_or_else(String::new, |(last, before)| format!(" by {}", last.text(before)));
-            line("filled", format!("{} with {}{by}", count(filled, "gap"), count(self.samples.len(), "sample")));
-            let mut sigmas: Vec<f64> = self.samples.iter().map(|s| s.sigma_mm).filter(|s| s.is_finite()).collect();
-            sigmas.sort_by(f64::total_cmp);
-            if let (Some(worst), Some(median)) = (sigmas.last(), sigmas.get(sigmas.len() / 2)) {
-                line("expected", format!("error {median:.1} mm (median), {worst:.1} mm (worst)"));
-            }
-            if let Some(unmet) = self.unmet() {
-                let (lengths, frames) = (count(unmet.lengths, "bone length"), count(unmet.frames, "frame"));
-                line("not kept", format!("{lengths} in {frames}: they contradict each other or what was seen"));
-            }
-            if let Some(judged) = &self.bone_judgement {
-                line(
-                    "bones",
-                    format!(
-                        "off by {:.1} mm in filled frames (measured ones: {:.1} mm), worst {:.1} mm ({})",
-                        judged.rms_mm, judged.measured_rms_mm, judged.worst_mm, judged.worst_bone
-                    ),
-                );
-            }
-        }
-        let mut reasons: Vec<(Open, Vec<&GapReport>)> = Vec::new();
-        for gap in self.open_gaps() {
-            if let Some(why) = gap.why {
-                match reasons.iter_mut().find(|(r, _)| *r == why) {
-                    Some((_, gaps)) => gaps.push(gap),
-                    None => reasons.push((why, vec![gap])),
-                }
-            }
-        }
-        reasons.sort_by_key(|(why, _)| *why);
-        for (why, gaps) in reasons {
-            let verb = if self.dry_run { "would stay" } else { "left" };
-            line("open", format!("{} {verb} open: {}", count(gaps.len(), "gap"), why.reason()));
-            let mut names: Vec<&str> = gaps.iter().map(|g| g.marker.as_str()).collect();
-            names.dedup();
-            let more = names.len().saturating_sub(12);
-            let shown = names.iter().take(12).copied().collect::<Vec<_>>().join(" ");
-            line("", if more > 0 { format!("{shown} and {more} more") } else { shown });
-        }
-        for note in &self.notes {
-            line(if note.matters() { "look at" } else { "note" }, note.to_string());
-        }
-        if let Some(log) = &self.log {
-            line("log", log.display().to_string());
-        }
-        if let Some(fills) = &self.fills {
-            line("fills", fills.display().to_string());
-        }
-        if let Some(page) = &self.page {
-            line("report", page.display().to_string());
-        }
-        if let Some(error) = &self.log_error {
-            line("no log", error.clone());
-        }
-        let head = match &self.output {
-            Some(output) => format!("{} -> {}", self.input.display(), output.display()),
-            None => format!("{} (dry run, nothing was written)", self.input.display()),
-        };
-        format!("{head}\n{out}")
-    }
-}
-
-/// One JSON document per line.
-pub fn lines<T: Serialize>(messages: &[T]) -> String {
-    let mut out = String::new();
-    for message in messages {
-        // plain structs of numbers and strings always serialise
-        if let Ok(text) = serde_json::to_string(message) {
-            out.push_str(&text);
-            out.push('\n');
-        }
-    }
-    out
 }
 
 /// A number and what it counts: `1 gap`, `2 gaps`.

@@ -1,14 +1,16 @@
 //! What is in a take: for people and scripts that want to know before they repair.
 
+mod map;
+mod text;
+
 use crate::bones;
 use crate::gaps::gaps;
 use crate::input::Opened;
 use crate::repair::neighbours;
-use crate::report::{lines, short};
+use crate::report::lines;
 use crate::solve::Gap;
 use formats::{Note, Origin};
 use serde::Serialize;
-use std::fmt::Write;
 use std::path::Path;
 
 /// What is in one file.
@@ -46,6 +48,9 @@ struct GapLine {
     first_frame: i64,
     last_frame: i64,
     frames: usize,
+    /// Place of the marker among the markers.
+    #[serde(skip)]
+    at: usize,
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -99,6 +104,7 @@ impl Inspection {
             gaps: found
                 .iter()
                 .map(|g| GapLine {
+                    at: markers.partition_point(|(m, _)| *m < g.marker),
                     marker: take.display_label(g.marker),
                     first_frame: take.frame_label(g.start),
                     last_frame: take.frame_label(g.end - 1),
@@ -127,64 +133,5 @@ impl Inspection {
     /// As one JSON line.
     pub fn json(&self) -> String {
         lines(std::slice::from_ref(self))
-    }
-
-    /// For people.
-    pub fn text(&self) -> String {
-        let mut out = String::new();
-        // writing to a String cannot fail, hence the ignored results
-        let _ = writeln!(out, "{}", self.file);
-        let _ = writeln!(
-            out,
-            "  {}, {} frames from {} at {} Hz ({:.2} s), in {}{}",
-            self.format,
-            self.frames,
-            self.first_frame,
-            short(self.rate_hz),
-            self.duration_s,
-            self.unit,
-            self.up.as_ref().map_or_else(|| ", up not stated".to_owned(), |up| format!(", {up} up"))
-        );
-        let samples = self.frames * self.markers.len();
-        let _ = writeln!(
-            out,
-            "  {} markers, {} gaps, {} of {samples} samples missing ({:.2} %), {} bones",
-            self.markers.len(),
-            self.gaps.len(),
-            self.samples_missing,
-            100.0 * self.samples_missing as f64 / samples.max(1) as f64,
-            self.bones.len()
-        );
-        if self.model_outputs > 0 {
-            let _ = writeln!(out, "  {} model outputs, which are no markers", self.model_outputs);
-        }
-        if self.samples_derived > 0 {
-            let _ = writeln!(out, "  {} samples were filled or filtered by someone else, says the file", self.samples_derived);
-        }
-        for note in &self.notes {
-            let _ = writeln!(out, "  {}: {}", if note.matters { "look at" } else { "note" }, note.text);
-        }
-        let width = self.markers.iter().map(|m| m.label.chars().count()).max().unwrap_or(0).clamp(6, 30);
-        if !self.markers.is_empty() {
-            let _ = writeln!(out, "\n  {:<width$}  {:>8} {:>8} {:>6} {:>12}", "marker", "missing", "share", "gaps", "longest gap");
-            for m in &self.markers {
-                let share = 100.0 * m.missing as f64 / self.frames.max(1) as f64;
-                let _ = writeln!(out, "  {:<width$}  {:>8} {share:>6.1} % {:>6} {:>12}", m.label, m.missing, m.gaps, m.longest_gap);
-            }
-        }
-        if !self.gaps.is_empty() {
-            let _ = writeln!(out, "\n  {:<width$}  {:>8} {:>8} {:>7}", "gap of", "first", "last", "frames");
-            for g in &self.gaps {
-                let _ = writeln!(out, "  {:<width$}  {:>8} {:>8} {:>7}", g.marker, g.first_frame, g.last_frame, g.frames);
-            }
-        }
-        if !self.bones.is_empty() {
-            let _ = writeln!(out, "\n  {:<w$}  {:>10} {:>10}", "bone", "length mm", "spread mm", w = 2 * width + 1);
-            for b in &self.bones {
-                let name = format!("{}-{}", b.a, b.b);
-                let _ = writeln!(out, "  {name:<w$}  {:>10.1} {:>10.2}", b.length_mm, b.spread_mm, w = 2 * width + 1);
-            }
-        }
-        out
     }
 }
