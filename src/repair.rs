@@ -125,7 +125,8 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.attach_explanations(&found);
         drop(problem); // as large as the take, and of no more use
         watch.phase(&format!("writing and checking {}", name(&request.output)));
-        return write_out(request, opened, repaired, Found { gaps: &found, bones: &bones }, Watched { about, log, curves }, report, watch);
+        let found = Found { gaps: &found, bones: &bones, about, curves };
+        return write_out(request, opened, repaired, found, log, report, watch);
     }
     report.notes = opened.notes.take();
     Ok(report)
@@ -258,17 +259,11 @@ fn start_log(request: &Request, about: About, report: &mut Report) -> Option<Mca
     }
 }
 
-/// What was found in a take.
-#[derive(Clone, Copy)]
+/// What was found in a take, and what was seen while it was repaired.
 struct Found<'a> {
     gaps: &'a [Gap],
     bones: &'a [Bone],
-}
-
-/// What was seen of the repair while it went on.
-struct Watched {
     about: About,
-    log: Option<McapLog>,
     curves: Option<Curves>,
 }
 
@@ -277,8 +272,8 @@ fn write_out(
     request: &Request,
     opened: Opened,
     mut repaired: Take,
-    Found { gaps, bones }: Found<'_>,
-    watched: Watched,
+    Found { gaps, bones, about, curves }: Found<'_>,
+    log: Option<McapLog>,
     mut report: Report,
     watch: &mut dyn Observer,
 ) -> Result<Report, RepairError> {
@@ -302,14 +297,14 @@ fn write_out(
         placed.keep(path).and_then(|()| staging::publish(table, path)).map_err(|e| unwritable(path, &e))?;
     }
     let shown = Shown { raw: &before, repaired: Some(&repaired), bones, samples: &report.samples, log_rate_hz: request.log_rate_hz };
-    if let (Some(path), Some(curves)) = (&request.page, &watched.curves) {
+    if let (Some(path), Some(curves)) = (&request.page, &curves) {
         watch.phase("writing the report");
-        let page = Page::of_repair(&watched.about, shown, &report.json_for_log(request), curves);
+        let page = Page::of_repair(&about, shown, &report.json_for_log(request), curves);
         let written = page.map_err(io::Error::other).and_then(|page| page.stage(path));
         let file = written.map_err(|e| unwritable(path, &e))?;
         placed.keep(path).and_then(|()| staging::publish(file, path)).map_err(|e| unwritable(path, &e))?;
     }
-    if let (Some(log), Some(path)) = (watched.log, &request.log) {
+    if let (Some(log), Some(path)) = (log, &request.log) {
         watch.phase("writing the log");
         let mut events = log::of_gaps(gaps, &report.gaps);
         events.extend(report.notes.iter().map(|note| Event::note(note.matters(), note.to_string())));

@@ -8,9 +8,8 @@ use std::path::Path;
 impl Report {
     /// The report as JSON lines: notes, gaps, then the summary.
     pub fn json(&self) -> String {
-        self.json_of([self.output.as_deref(), self.log.as_deref(), self.fills.as_deref(), self.page.as_deref()], |path| {
-            path.display().to_string()
-        })
+        let written = [&self.output, &self.log, &self.fills, &self.page].map(|path| path.as_deref());
+        self.json_of(written, |path| path.display().to_string())
     }
 
     /// The same for the log of the repair, which is written when only the names of files are missing.

@@ -224,8 +224,9 @@ function gapMap({ model, take, gaps, scale }) {
     gapTable({ model, take, gaps }));
 }
 
-/** A label that fits beside the map. */
+/** A label that fits beside the map: what tells labels apart is at either end. */
 function cutLabel(label, width) {
-  const most = Math.max(5, Math.floor((width * 0.32 - 14) / 6.6));
-  return label.length > most ? `${label.slice(0, most - 1)}…` : label;
+  const most = Math.max(7, Math.floor((width * 0.32 - 14) / 6.6));
+  const tail = Math.floor(0.6 * most);
+  return label.length > most ? `${label.slice(0, most - tail - 1)}…${label.slice(-tail)}` : label;
 }
