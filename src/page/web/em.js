@@ -22,7 +22,7 @@ function solver({ model, take }) {
 
 function curvePlots(curve, model, take) {
   const steps = curve.iterations.map((_, k) => k);
-  const made = [simplePlot("Log-likelihood, nats", steps, [curve.iterations.map((i) => i.log_likelihood)], take, [colour("measured")])];
+  const made = [simplePlot(curve.method === "auto" ? "Log-likelihood of the simulated gaps, nats" : "Log-likelihood, nats", steps, [curve.iterations.map((i) => i.log_likelihood)], take, [colour("measured")])];
   if (curve.iterations.some((i) => i.rms_residual_mm !== null)) {
     made.push(simplePlot("Residual of what was measured, mm", steps, [curve.iterations.map((i) => i.rms_residual_mm)], take, [colour("measured")]));
   }
