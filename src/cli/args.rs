@@ -10,7 +10,8 @@ use crate::solve::lds::em::Noise;
 use crate::solve::lds::step::BoneStep;
 use crate::solve::lds::{EStep, Hidden, Init, Start};
 use crate::solve::{Limits, Method, Settings};
-use clap::{Args, ValueEnum};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, ValueEnum, ValueHint};
 use formats::{Direction, Format, Stated, Unit};
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -32,7 +33,7 @@ pub(super) struct StatedArgs {
 pub(super) struct MissingArgs {
     /// Samples that are missing although the file holds something in their place: a marker (* and ? allowed) and frames by the file's own
     /// numbers, or a CSV with the columns marker and frame, or marker, first_frame and last_frame; may be said more than once
-    #[arg(long, value_name = "MARKER[:FIRST-LAST]|FILE.csv")]
+    #[arg(long, value_name = "MARKER[:FIRST-LAST]|FILE.csv", value_hint = ValueHint::AnyPath)]
     missing: Vec<String>,
 }
 
@@ -71,7 +72,7 @@ pub(super) struct ConvertArgs {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// The format to write, where the extension does not say it
-    #[arg(long, value_name = "FORMAT", value_parser = format)]
+    #[arg(long, value_name = "FORMAT", value_parser = format(), ignore_case = true)]
     to: Option<&'static dyn Format>,
     /// Unit of length to write [default: the input's]
     #[arg(long, value_enum)]
@@ -130,9 +131,10 @@ fn direction(text: &str) -> Result<Direction, String> {
     Direction::parse(text).ok_or_else(|| "expected x, y or z, with - before it for the opposite direction".to_owned())
 }
 
-fn format(text: &str) -> Result<&'static dyn Format, String> {
-    let found = formats::ALL.iter().find(|f| f.info().name.eq_ignore_ascii_case(text));
-    found.copied().ok_or_else(|| format!("expected one of: {}", formats::ALL.iter().map(|f| f.info().name).collect::<Vec<_>>().join(", ")))
+fn format() -> impl TypedValueParser<Value = &'static dyn Format> {
+    let known = |name: &str| formats::ALL.iter().find(|format| format.info().name.eq_ignore_ascii_case(name)).copied();
+    PossibleValuesParser::new(formats::ALL.iter().map(|format| format.info().name))
+        .try_map(move |name| known(&name).ok_or("no format of this name"))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -187,7 +189,7 @@ pub(super) struct RepairArgs {
     #[arg(short, long, value_name = "OUT", required_unless_present_any = ["in_place", "dry_run"])]
     pub output: Option<PathBuf>,
     /// How to fill
-    #[arg(long, value_name = "METHOD", default_value = Method::default().name(), value_parser = method)]
+    #[arg(long, value_name = "METHOD", default_value = Method::default().name(), value_parser = method())]
     pub method: Method,
     /// Dimension of the hidden state; rank of msvd
     #[arg(long, value_name = "H", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=256))]
@@ -240,7 +242,7 @@ pub(super) struct RepairArgs {
     pub max_sigma: Option<f64>,
     /// Bones to keep (CSV: marker,marker[,length in mm]) instead of those found, or how auto keeps them: soft, by the spread that each
     /// shows, or hard, exactly; may be said twice
-    #[arg(long, value_name = "FILE|soft|hard")]
+    #[arg(long, value_name = "FILE|soft|hard", value_hint = ValueHint::AnyPath)]
     pub bones: Vec<BonesArg>,
     /// Say for each gap which neighbours and experts filled it, and how far it may be off
     #[arg(long)]
@@ -294,8 +296,9 @@ pub(super) fn rate(text: &str) -> Result<f64, String> {
     }
 }
 
-fn method(text: &str) -> Result<Method, String> {
-    Method::parse(text).ok_or_else(|| format!("expected one of: {}", Method::ALL.map(Method::name).join(", ")))
+/// Named one by one, so that help and shells know them.
+fn method() -> impl TypedValueParser<Value = Method> {
+    PossibleValuesParser::new(Method::ALL.map(Method::name)).try_map(|name| Method::parse(&name).ok_or("no method of this name"))
 }
 
 /// A share of something, above 0 and at most 1.

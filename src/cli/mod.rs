@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)] // this is where output belongs
 
 mod args;
+mod man;
 
 use crate::bones;
 use crate::convert::convert;
@@ -16,11 +17,16 @@ use crate::solve::{Method, Observer};
 use crate::typeset::{Style, Tone};
 use args::{BonesArg, ConvertArgs, RepairArgs, StatedArgs, rate};
 use clap::{CommandFactory, Parser, Subcommand, error::ErrorKind};
+use clap_complete::Shell;
 use formats::printable;
 use serde::Serialize;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+
+const USAGE: &str = "\
+mocap-repair [OPTIONS] <IN> --output <OUT>
+       mocap-repair <COMMAND>";
 
 const AFTER_HELP: &str = "\
 Exit codes:
@@ -39,7 +45,7 @@ Exit codes:
 
 /// Fills the gaps of motion-capture takes so that bones keep their lengths, and leaves everything else as it was.
 #[derive(Debug, Parser)]
-#[command(name = "mocap-repair", version, after_help = AFTER_HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(name = "mocap-repair", version, override_usage = USAGE, after_help = AFTER_HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
@@ -77,6 +83,21 @@ enum Command {
     /// Write a take in another format, unit or orientation, and say what that one cannot hold
     #[command(after_help = CONVERT_AFTER_HELP)]
     Convert(ConvertArgs),
+    /// Print a script that completes command lines in a shell
+    Completions {
+        /// The shell
+        #[arg(value_enum)]
+        shell: Shell,
+    },
+    /// Print the manual page, or write it and those of the subcommands into a folder
+    Man {
+        /// Folder to write all pages to; made if it is not there
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
+    },
     /// Make a synthetic take of a walking figure: its truth, and the same with gaps, as C3D and CSV
     Demo {
         /// Folder to write to; made if it is not there
@@ -118,7 +139,42 @@ pub fn main(interrupt: &AtomicBool) -> u8 {
         Some(Command::Demo { output, frames, rate, seed, force }) => {
             demo(&output, &DemoOptions { frames: frames as usize, rate_hz: rate, seed, ..DemoOptions::default() }, force)
         }
+        Some(Command::Completions { shell }) => {
+            print(&completions(shell));
+            0
+        }
+        Some(Command::Man { output, force }) => manual(output.as_deref(), force),
         None => run_repair(&cli.repair, interrupt),
+    }
+}
+
+/// The script for a shell.
+fn completions(shell: Shell) -> String {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), "mocap-repair", &mut script);
+    // The generator for bash calls a subcommand by two names if the program's has a hyphen, and then completes nothing after it.
+    String::from_utf8_lossy(&script).replace("mocap__subcmd__repair", "mocap__repair")
+}
+
+fn manual(folder: Option<&Path>, force: bool) -> u8 {
+    let command = Cli::command();
+    let printed = match folder {
+        Some(folder) => man::write(&command, folder, force)
+            .map(|pages| pages.iter().fold(String::new(), |text, page| text + &page.display().to_string() + "\n"))
+            .map_err(|error| error.to_string()),
+        None => man::pages(&command)
+            .map(|pages| pages.first().map(|(_, page)| String::from_utf8_lossy(page).into_owned()).unwrap_or_default())
+            .map_err(|error| error.to_string()),
+    };
+    match printed {
+        Ok(text) => {
+            print(&text);
+            0
+        }
+        Err(error) => {
+            fail(&error, false);
+            1
+        }
     }
 }
 

@@ -7,7 +7,8 @@
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
 //! - `interruptions`: runs that are killed
 //! - `terminal`: width, colours and characters of what is told
-//! - `readme`: the commands of the README
+//! - `shells`: completions and manual pages
+//! - `readme`: the commands of the README and of docs/usage.md
 //!
 //! How good the filled samples are is measured elsewhere, on the library.
 #![allow(clippy::unwrap_used)] // A test program: it fails by panicking.
@@ -20,4 +21,5 @@ mod options;
 mod readme;
 mod refusals;
 mod repairing;
+mod shells;
 mod terminal;
