@@ -55,6 +55,8 @@ pub struct Request {
     pub markers: Vec<String>,
     /// What the user states about the file.
     pub reading: Reading,
+    /// The options that shape the result, those that nobody said included, as the TOML that `--config` reads: for the records.
+    pub config: String,
 }
 
 /// Why a take could not be repaired. Every text begins with the file it is about.

@@ -4,6 +4,7 @@ use crate::compression;
 use crate::convert::Conversion;
 use crate::gaps::Policy;
 use crate::input::Reading;
+use crate::missing;
 use crate::repair::Request;
 use crate::solve::auto::{Recipe, Stiffness};
 use crate::solve::lds::em::Noise;
@@ -11,10 +12,11 @@ use crate::solve::lds::step::BoneStep;
 use crate::solve::lds::{EStep, Hidden, Init, Start};
 use crate::solve::{Limits, Method, Settings};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
-use clap::{Args, ValueEnum, ValueHint};
+use clap::{Arg, Args, ValueEnum, ValueHint};
 use formats::{Direction, Format, Stated, Unit};
+use std::any::TypeId;
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What the user knows better than the file.
 #[derive(Debug, Args)]
@@ -183,10 +185,10 @@ impl From<OsString> for BonesArg {
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
 pub(super) struct RepairArgs {
     /// The take to repair; it is never written
-    #[arg(value_name = "IN", required = true, num_args = 1..)]
+    #[arg(value_name = "IN", required_unless_present = "print_config", num_args = 1..)]
     pub inputs: Vec<PathBuf>,
     /// The repaired take; its extension may name another format
-    #[arg(short, long, value_name = "OUT", required_unless_present_any = ["in_place", "dry_run"])]
+    #[arg(short, long, value_name = "OUT", required_unless_present_any = ["in_place", "dry_run", "print_config"])]
     pub output: Option<PathBuf>,
     /// How to fill
     #[arg(long, value_name = "METHOD", default_value = Method::default().name(), value_parser = method())]
@@ -273,12 +275,30 @@ pub(super) struct RepairArgs {
     /// Read, decide and report; solve and write nothing
     #[arg(long)]
     pub dry_run: bool,
+    /// Read options from a file, which has their long names as keys; what is typed overrules it
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Take no notice of what --config says about an option; may be said more than once
+    #[arg(long, value_name = "KEY", requires = "config", value_delimiter = ',')]
+    pub unset: Vec<String>,
+    /// Print all options, as they would hold now, as a file for --config; do nothing else
+    #[arg(long)]
+    pub print_config: bool,
     /// Report as JSON lines on standard output
     #[arg(long)]
     pub json: bool,
     /// Print nothing unless it failed
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// True if `text`, said about an option in a file of `folder`, names a file.
+pub(super) fn names_file(option: &Arg, text: &str, folder: &Path) -> bool {
+    match option.get_id().as_str() {
+        "bones" => matches!(BonesArg::from(OsString::from(text)), BonesArg::File(_)),
+        "missing" => missing::names_table(&folder.join(text)),
+        _ => option.get_value_parser().type_id() == TypeId::of::<PathBuf>(),
+    }
 }
 
 fn positive(text: &str) -> Result<f64, String> {
@@ -345,6 +365,7 @@ impl RepairArgs {
         }
     }
 
+    /// All but [`Request::config`], which only the whole command line knows.
     pub fn request(&self) -> Request {
         let mut input = self.inputs.first().cloned().unwrap_or_default();
         if self.in_place {
@@ -375,6 +396,7 @@ impl RepairArgs {
             policy: Policy { max_gap: self.max_gap, extrapolate: self.extrapolate, max_sigma_mm: self.max_sigma },
             markers: self.markers.clone(),
             reading: Reading { float: self.float, ..self.stated.reading() },
+            config: String::new(),
             input,
             output,
         }

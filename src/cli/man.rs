@@ -9,7 +9,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// What one may want to do, and what to type.
-const EXAMPLES: [(&str, &str); 6] = [
+const EXAMPLES: [(&str, &str); 8] = [
     ("Fill the gaps of a take; the log is written beside it, as walk.mcap.", "mocap-repair walk-gaps.c3d -o walk.c3d"),
     ("See first what is missing where.", "mocap-repair inspect walk-gaps.c3d"),
     (
@@ -18,6 +18,8 @@ const EXAMPLES: [(&str, &str); 6] = [
     ),
     ("Keep the bones of a file, exactly.", "mocap-repair in.c3d -o out.c3d --bones bones.csv --bones hard"),
     ("Know every filled sample, and how sure it is.", "mocap-repair in.trc -o out.trc --fills fills.csv"),
+    ("Keep the options of a laboratory in a file.", "mocap-repair --max-gap 120 --print-config > lab.toml"),
+    ("Use them, but for one.", "mocap-repair in.c3d -o out.c3d --config lab.toml --unset max-gap"),
     ("Write a take in another format.", "mocap-repair convert in.c3d -o out.trc --units m"),
 ];
 

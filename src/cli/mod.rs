@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)] // this is where output belongs
 
 mod args;
+mod config;
 mod man;
 
 use crate::bones;
@@ -10,16 +11,17 @@ use crate::demo::{DemoOptions, write_demo};
 use crate::input::{Reading, open};
 use crate::inspect::Inspection;
 use crate::log::Terminal;
-use crate::repair::{neighbours, repair};
+use crate::repair::{Request, neighbours, repair};
 use crate::report::lines;
 use crate::solve::auto::Stiffness;
 use crate::solve::{Method, Observer};
 use crate::typeset::{Style, Tone};
 use args::{BonesArg, ConvertArgs, RepairArgs, StatedArgs, rate};
-use clap::{CommandFactory, Parser, Subcommand, error::ErrorKind};
+use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
 use clap_complete::Shell;
 use formats::printable;
 use serde::Serialize;
+use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -120,13 +122,18 @@ enum Command {
 
 /// Parses the command line, does what it says and returns the exit code.
 pub fn main(interrupt: &AtomicBool) -> u8 {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
-        Err(error) => {
+    let words: Vec<OsString> = std::env::args_os().collect();
+    let (cli, matches) = match parse(&words) {
+        Ok(parsed) => parsed,
+        Err(Refused::Typed(error)) => {
             let code = if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) { 0 } else { 2 };
             // a closed pipe is no reason to fail while failing
             let _ = error.print();
             return code;
+        }
+        Err(Refused::Config { problem, json }) => {
+            fail(&problem, json);
+            return 2;
         }
     };
     match cli.command {
@@ -144,7 +151,7 @@ pub fn main(interrupt: &AtomicBool) -> u8 {
             0
         }
         Some(Command::Man { output, force }) => manual(output.as_deref(), force),
-        None => run_repair(&cli.repair, interrupt),
+        None => run_repair(&cli.repair, &matches, interrupt),
     }
 }
 
@@ -154,6 +161,30 @@ fn completions(shell: Shell) -> String {
     clap_complete::generate(shell, &mut Cli::command(), "mocap-repair", &mut script);
     // The generator for bash calls a subcommand by two names if the program's has a hyphen, and then completes nothing after it.
     String::from_utf8_lossy(&script).replace("mocap__subcmd__repair", "mocap__repair")
+}
+
+/// Why a command line cannot be followed.
+enum Refused {
+    /// What was typed is wrong, or asks for help.
+    Typed(clap::Error),
+    /// What a file of `--config` says is wrong; `json`: it is to be told to a script.
+    Config { problem: String, json: bool },
+}
+
+/// What was typed, with what `--config` says where nothing was typed.
+fn parse(words: &[OsString]) -> Result<(Cli, ArgMatches), Refused> {
+    let mut command = Cli::command();
+    command.build();
+    let mut matches = Cli::command().try_get_matches_from(words).map_err(Refused::Typed)?;
+    if matches.subcommand_name().is_none()
+        && let Some(path) = matches.get_one::<PathBuf>("config")
+    {
+        let words = config::with_file(&command, words, &matches, path)
+            .map_err(|problem| Refused::Config { problem, json: matches.get_flag("json") })?;
+        matches = Cli::command().try_get_matches_from(words).map_err(Refused::Typed)?;
+    }
+    let cli = Cli::from_arg_matches(&matches).map_err(|error| Refused::Typed(error.format(&mut command)))?;
+    Ok((cli, matches))
 }
 
 fn manual(folder: Option<&Path>, force: bool) -> u8 {
@@ -178,7 +209,7 @@ fn manual(folder: Option<&Path>, force: bool) -> u8 {
     }
 }
 
-fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
+fn run_repair(args: &RepairArgs, matches: &ArgMatches, interrupt: &AtomicBool) -> u8 {
     if args.inputs.len() > 1 {
         let text = format!("{} takes were named; repair one at a time, each with its own -o", args.inputs.len());
         let _ = Cli::command().error(ErrorKind::TooManyValues, text).print();
@@ -190,7 +221,13 @@ fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
         let _ = Cli::command().error(ErrorKind::ArgumentConflict, text).print();
         return 2;
     }
-    let request = args.request();
+    let mut command = Cli::command();
+    command.build();
+    if args.print_config {
+        print(&config::commented(&command, matches));
+        return 0;
+    }
+    let request = Request { config: config::effective(&command, matches), ..args.request() };
     let mut terminal = watching(args.quiet || args.json);
     let result = repair(&request, &mut terminal, interrupt);
     drop(terminal);

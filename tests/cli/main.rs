@@ -7,6 +7,7 @@
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
 //! - `interruptions`: runs that are killed
 //! - `terminal`: width, colours and characters of what is told
+//! - `config`: options from a file
 //! - `shells`: completions and manual pages
 //! - `readme`: the commands of the README and of docs/usage.md
 //!
@@ -14,6 +15,7 @@
 #![allow(clippy::unwrap_used)] // A test program: it fails by panicking.
 
 mod auto;
+mod config;
 mod converting;
 mod interruptions;
 mod lab;
