@@ -49,3 +49,8 @@ bench-files:
 fuzz target="roundtrip":
     mkdir -p formats/fuzz/found
     cd formats/fuzz && cargo +nightly fuzz run --fuzz-dir . {{target}} found corpus $(find ../../fixtures -mindepth 2 -type d) -- -max_total_time=600 -max_len=20000 -timeout=1 -malloc_limit_mb=600
+
+# Write what --help prints into docs/usage.md
+usage:
+    cargo build
+    python3 tests/python/usage.py target/debug/mocap-repair docs/usage.md

@@ -60,6 +60,11 @@ struct Stretch {
     frames: Option<(i64, i64)>,
 }
 
+/// True for a text that names a table, if it fits no marker.
+pub(crate) fn names_table(text: &Path) -> bool {
+    text.extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) || text.is_file()
+}
+
 /// The samples that `texts` state to be missing from `take`. Each text is one of
 ///
 /// - `MARKER`, `MARKER:FRAME` or `MARKER:FIRST-LAST`: patterns and the file's own frame numbers;
@@ -77,7 +82,7 @@ pub fn resolve(texts: &[String], take: &Take) -> Result<Samples, MissingError> {
         let whole = labels.iter().any(|label| fits(text, label));
         let stretches = if whole {
             vec![Stretch { text: text.clone(), pattern: text.clone(), frames: None }]
-        } else if Path::new(text).extension().is_some_and(|e| e.eq_ignore_ascii_case("csv")) || Path::new(text).is_file() {
+        } else if names_table(Path::new(text)) {
             table(text)?
         } else {
             vec![stretch(text)]

@@ -65,6 +65,8 @@ pub struct Request {
     pub markers: Vec<String>,
     /// What the user states about the file.
     pub reading: Reading,
+    /// The options that shape the result, those that nobody said included, as the TOML that `--config` reads: for the records.
+    pub config: String,
 }
 
 /// Repairs one take: the main job.
@@ -335,10 +337,17 @@ fn write_out(
     Ok(report)
 }
 
-/// The files that go into the log: the report, and the input if it is wanted.
+/// The files that go into the log: the options, the report, and the input if it is wanted.
 fn attachments(request: &Request, report: &Report, sha256: &str) -> Result<Vec<Attachment>, RepairError> {
     let bytes = report.json_for_log(request).into_bytes();
-    let mut files = vec![Attachment { name: "report.jsonl".to_owned(), media_type: "application/jsonl".to_owned(), bytes }];
+    let mut files = vec![
+        Attachment {
+            name: "config.toml".to_owned(),
+            media_type: "application/toml".to_owned(),
+            bytes: request.config.clone().into_bytes(),
+        },
+        Attachment { name: "report.jsonl".to_owned(), media_type: "application/jsonl".to_owned(), bytes },
+    ];
     if request.log_source {
         let bytes = read(&request.input)?;
         if hex(&Sha256::digest(&bytes)) != sha256 {

@@ -4,16 +4,19 @@ use crate::compression;
 use crate::convert::Conversion;
 use crate::gaps::Policy;
 use crate::input::Reading;
+use crate::missing;
 use crate::repair::Request;
 use crate::solve::auto::{Recipe, Stiffness};
 use crate::solve::lds::em::Noise;
 use crate::solve::lds::step::BoneStep;
 use crate::solve::lds::{EStep, Hidden, Init, Start};
 use crate::solve::{Limits, Method, Settings};
-use clap::{Args, ValueEnum};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Arg, Args, ValueEnum, ValueHint};
 use formats::{Direction, Format, Stated, Unit};
+use std::any::TypeId;
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What the user knows better than the file.
 #[derive(Debug, Args)]
@@ -32,7 +35,7 @@ pub(super) struct StatedArgs {
 pub(super) struct MissingArgs {
     /// Samples that are missing although the file holds something in their place: a marker (* and ? allowed) and frames by the file's own
     /// numbers, or a CSV with the columns marker and frame, or marker, first_frame and last_frame; may be said more than once
-    #[arg(long, value_name = "MARKER[:FIRST-LAST]|FILE.csv")]
+    #[arg(long, value_name = "MARKER[:FIRST-LAST]|FILE.csv", value_hint = ValueHint::AnyPath)]
     missing: Vec<String>,
 }
 
@@ -99,7 +102,7 @@ pub(super) struct ConvertArgs {
     #[arg(short, long, value_name = "OUT")]
     output: PathBuf,
     /// The format to write, where the extension does not say it
-    #[arg(long, value_name = "FORMAT", value_parser = format)]
+    #[arg(long, value_name = "FORMAT", value_parser = format(), ignore_case = true)]
     to: Option<&'static dyn Format>,
     /// Unit of length to write [default: the input's]
     #[arg(long, value_enum)]
@@ -158,9 +161,10 @@ fn direction(text: &str) -> Result<Direction, String> {
     Direction::parse(text).ok_or_else(|| "expected x, y or z, with - before it for the opposite direction".to_owned())
 }
 
-fn format(text: &str) -> Result<&'static dyn Format, String> {
-    let found = formats::ALL.iter().find(|f| f.info().name.eq_ignore_ascii_case(text));
-    found.copied().ok_or_else(|| format!("expected one of: {}", formats::ALL.iter().map(|f| f.info().name).collect::<Vec<_>>().join(", ")))
+fn format() -> impl TypedValueParser<Value = &'static dyn Format> {
+    let known = |name: &str| formats::ALL.iter().find(|format| format.info().name.eq_ignore_ascii_case(name)).copied();
+    PossibleValuesParser::new(formats::ALL.iter().map(|format| format.info().name))
+        .try_map(move |name| known(&name).ok_or("no format of this name"))
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -209,13 +213,13 @@ impl From<OsString> for BonesArg {
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
 pub(super) struct RepairArgs {
     /// The take to repair; it is never written
-    #[arg(value_name = "IN", required = true, num_args = 1..)]
+    #[arg(value_name = "IN", required_unless_present = "print_config", num_args = 1..)]
     pub inputs: Vec<PathBuf>,
     /// The repaired take; its extension may name another format
-    #[arg(short, long, value_name = "OUT", required_unless_present_any = ["in_place", "dry_run"])]
+    #[arg(short, long, value_name = "OUT", required_unless_present_any = ["in_place", "dry_run", "print_config"])]
     pub output: Option<PathBuf>,
     /// How to fill
-    #[arg(long, value_name = "METHOD", default_value = Method::default().name(), value_parser = method)]
+    #[arg(long, value_name = "METHOD", default_value = Method::default().name(), value_parser = method())]
     pub method: Method,
     /// Dimension of the hidden state; rank of msvd
     #[arg(long, value_name = "H", default_value_t = 16, value_parser = clap::value_parser!(u32).range(1..=256))]
@@ -268,7 +272,7 @@ pub(super) struct RepairArgs {
     pub max_sigma: Option<f64>,
     /// Bones to keep (CSV: marker,marker[,length in mm]) instead of those found, or how auto keeps them: soft, by the spread that each
     /// shows, or hard, exactly; may be said twice
-    #[arg(long, value_name = "FILE|soft|hard")]
+    #[arg(long, value_name = "FILE|soft|hard", value_hint = ValueHint::AnyPath)]
     pub bones: Vec<BonesArg>,
     /// Say for each gap which neighbours and experts filled it, and how far it may be off
     #[arg(long)]
@@ -308,12 +312,30 @@ pub(super) struct RepairArgs {
     /// Read, decide and report; solve and write nothing
     #[arg(long)]
     pub dry_run: bool,
+    /// Read options from a file, which has their long names as keys; what is typed overrules it
+    #[arg(long, value_name = "FILE.toml")]
+    pub config: Option<PathBuf>,
+    /// Take no notice of what --config says about an option; may be said more than once
+    #[arg(long, value_name = "KEY", requires = "config", value_delimiter = ',')]
+    pub unset: Vec<String>,
+    /// Print all options, as they would hold now, as a file for --config; do nothing else
+    #[arg(long)]
+    pub print_config: bool,
     /// Report as JSON lines on standard output
     #[arg(long)]
     pub json: bool,
     /// Print nothing unless it failed
     #[arg(short, long)]
     pub quiet: bool,
+}
+
+/// True if `text`, said about an option in a file of `folder`, names a file.
+pub(super) fn names_file(option: &Arg, text: &str, folder: &Path) -> bool {
+    match option.get_id().as_str() {
+        "bones" => matches!(BonesArg::from(OsString::from(text)), BonesArg::File(_)),
+        "missing" => missing::names_table(&folder.join(text)),
+        _ => option.get_value_parser().type_id() == TypeId::of::<PathBuf>(),
+    }
 }
 
 fn positive(text: &str) -> Result<f64, String> {
@@ -331,8 +353,9 @@ pub(super) fn rate(text: &str) -> Result<f64, String> {
     }
 }
 
-fn method(text: &str) -> Result<Method, String> {
-    Method::parse(text).ok_or_else(|| format!("expected one of: {}", Method::ALL.map(Method::name).join(", ")))
+/// Named one by one, so that help and shells know them.
+fn method() -> impl TypedValueParser<Value = Method> {
+    PossibleValuesParser::new(Method::ALL.map(Method::name)).try_map(|name| Method::parse(&name).ok_or("no method of this name"))
 }
 
 /// A share of something, above 0 and at most 1.
@@ -379,6 +402,7 @@ impl RepairArgs {
         }
     }
 
+    /// All but [`Request::config`], which only the whole command line knows.
     pub fn request(&self) -> Request {
         let mut input = self.inputs.first().cloned().unwrap_or_default();
         if self.in_place {
@@ -412,6 +436,7 @@ impl RepairArgs {
             policy: Policy { max_gap: self.max_gap, extrapolate: self.extrapolate, max_sigma_mm: self.max_sigma },
             markers: self.markers.clone(),
             reading: Reading { float: self.float, ..self.stated.reading() },
+            config: String::new(),
             input,
             output,
         }

@@ -2,6 +2,8 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)] // this is where output belongs
 
 mod args;
+mod config;
+mod man;
 
 use crate::bones;
 use crate::convert::convert;
@@ -10,18 +12,24 @@ use crate::input::{Reading, open};
 use crate::inspect::Inspection;
 use crate::log::{self, Terminal};
 use crate::page;
-use crate::repair::{RepairError, neighbours, repair};
+use crate::repair::{RepairError, Request, neighbours, repair};
 use crate::report::lines;
 use crate::solve::auto::Stiffness;
 use crate::solve::{Method, Observer};
 use crate::typeset::{Style, Tone};
 use args::{BonesArg, ConvertArgs, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
-use clap::{CommandFactory, Parser, Subcommand, error::ErrorKind};
+use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
+use clap_complete::Shell;
 use formats::printable;
 use serde::Serialize;
+use std::ffi::OsString;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+
+const USAGE: &str = "\
+mocap-repair [OPTIONS] <IN> --output <OUT>
+       mocap-repair <COMMAND>";
 
 const AFTER_HELP: &str = "\
 Exit codes:
@@ -40,7 +48,7 @@ Exit codes:
 
 /// Fills the gaps of motion-capture takes so that bones keep their lengths, and leaves everything else as it was.
 #[derive(Debug, Parser)]
-#[command(name = "mocap-repair", version, after_help = AFTER_HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+#[command(name = "mocap-repair", version, override_usage = USAGE, after_help = AFTER_HELP, args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
@@ -82,6 +90,21 @@ enum Command {
     Layout(LayoutArgs),
     /// Make the report to look at from the log of a repair: one HTML file for any browser
     Report(ReportArgs),
+    /// Print a script that completes command lines in a shell
+    Completions {
+        /// The shell
+        #[arg(value_enum)]
+        shell: Shell,
+    },
+    /// Print the manual page, or write it and those of the subcommands into a folder
+    Man {
+        /// Folder to write all pages to; made if it is not there
+        #[arg(short, long, value_name = "DIR")]
+        output: Option<PathBuf>,
+        /// Replace files that exist
+        #[arg(long)]
+        force: bool,
+    },
     /// Make a synthetic take of a walking figure: its truth, and the same with gaps, as C3D and CSV
     Demo {
         /// Folder to write to; made if it is not there
@@ -104,13 +127,18 @@ enum Command {
 
 /// Parses the command line, does what it says and returns the exit code.
 pub fn main(interrupt: &AtomicBool) -> u8 {
-    let cli = match Cli::try_parse() {
-        Ok(cli) => cli,
-        Err(error) => {
+    let words: Vec<OsString> = std::env::args_os().collect();
+    let (cli, matches) = match parse(&words) {
+        Ok(parsed) => parsed,
+        Err(Refused::Typed(error)) => {
             let code = if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) { 0 } else { 2 };
             // a closed pipe is no reason to fail while failing
             let _ = error.print();
             return code;
+        }
+        Err(Refused::Config { problem, json }) => {
+            fail(&problem, json);
+            return 2;
         }
     };
     match cli.command {
@@ -125,11 +153,70 @@ pub fn main(interrupt: &AtomicBool) -> u8 {
         Some(Command::Demo { output, frames, rate, seed, force }) => {
             demo(&output, &DemoOptions { frames: frames as usize, rate_hz: rate, seed, ..DemoOptions::default() }, force)
         }
-        None => run_repair(&cli.repair, interrupt),
+        Some(Command::Completions { shell }) => {
+            print(&completions(shell));
+            0
+        }
+        Some(Command::Man { output, force }) => manual(output.as_deref(), force),
+        None => run_repair(&cli.repair, &matches, interrupt),
     }
 }
 
-fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
+/// The script for a shell.
+fn completions(shell: Shell) -> String {
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), "mocap-repair", &mut script);
+    // The generator for bash calls a subcommand by two names if the program's has a hyphen, and then completes nothing after it.
+    String::from_utf8_lossy(&script).replace("mocap__subcmd__repair", "mocap__repair")
+}
+
+/// Why a command line cannot be followed.
+enum Refused {
+    /// What was typed is wrong, or asks for help.
+    Typed(clap::Error),
+    /// What a file of `--config` says is wrong; `json`: it is to be told to a script.
+    Config { problem: String, json: bool },
+}
+
+/// What was typed, with what `--config` says where nothing was typed.
+fn parse(words: &[OsString]) -> Result<(Cli, ArgMatches), Refused> {
+    let mut command = Cli::command();
+    command.build();
+    let mut matches = Cli::command().try_get_matches_from(words).map_err(Refused::Typed)?;
+    if matches.subcommand_name().is_none()
+        && let Some(path) = matches.get_one::<PathBuf>("config")
+    {
+        let words = config::with_file(&command, words, &matches, path)
+            .map_err(|problem| Refused::Config { problem, json: matches.get_flag("json") })?;
+        matches = Cli::command().try_get_matches_from(words).map_err(Refused::Typed)?;
+    }
+    let cli = Cli::from_arg_matches(&matches).map_err(|error| Refused::Typed(error.format(&mut command)))?;
+    Ok((cli, matches))
+}
+
+fn manual(folder: Option<&Path>, force: bool) -> u8 {
+    let command = Cli::command();
+    let printed = match folder {
+        Some(folder) => man::write(&command, folder, force)
+            .map(|pages| pages.iter().fold(String::new(), |text, page| text + &page.display().to_string() + "\n"))
+            .map_err(|error| error.to_string()),
+        None => man::pages(&command)
+            .map(|pages| pages.first().map(|(_, page)| String::from_utf8_lossy(page).into_owned()).unwrap_or_default())
+            .map_err(|error| error.to_string()),
+    };
+    match printed {
+        Ok(text) => {
+            print(&text);
+            0
+        }
+        Err(error) => {
+            fail(&error, false);
+            1
+        }
+    }
+}
+
+fn run_repair(args: &RepairArgs, matches: &ArgMatches, interrupt: &AtomicBool) -> u8 {
     if args.inputs.len() > 1 {
         let text = format!("{} takes were named; repair one at a time, each with its own -o", args.inputs.len());
         let _ = Cli::command().error(ErrorKind::TooManyValues, text).print();
@@ -141,7 +228,13 @@ fn run_repair(args: &RepairArgs, interrupt: &AtomicBool) -> u8 {
         let _ = Cli::command().error(ErrorKind::ArgumentConflict, text).print();
         return 2;
     }
-    let request = args.request();
+    let mut command = Cli::command();
+    command.build();
+    if args.print_config {
+        print(&config::commented(&command, matches));
+        return 0;
+    }
+    let request = Request { config: config::effective(&command, matches), ..args.request() };
     let mut terminal = watching(args.quiet || args.json);
     let result = repair(&request, &mut terminal, interrupt);
     drop(terminal);

@@ -26,6 +26,12 @@ fn the_input_is_in_the_log_if_it_is_wanted() {
     lab.run(&[&REPAIR[..], &["--log-source"]].concat()).with_code(0);
     let with = lab.read("walk.mcap");
     assert!(attachment(&with, "walk-gaps.c3d").unwrap() == lab.read("walk-gaps.c3d"));
+    let config = String::from_utf8(attachment(&with, "config.toml").unwrap()).unwrap();
+    assert!(config.contains("method = \"linear\"") && config.contains("log-source = true"), "{config}");
+    lab.write("config.toml", &config);
+    let before = lab.read("walk.c3d");
+    lab.run(&["walk-gaps.c3d", "-o", "walk.c3d", "--force", "--config", "config.toml"]).with_code(0);
+    assert!(lab.read("walk.c3d") == before && lab.read("walk.mcap") == with, "the options of a log make the same log");
     for name in ["report.jsonl", "take.json", "layout.json"] {
         assert!(attachment(&with, name).is_some(), "{name}");
     }

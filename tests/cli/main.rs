@@ -9,12 +9,15 @@
 //! - `reporting`: the report to look at
 //! - `interruptions`: runs that are killed
 //! - `terminal`: width, colours and characters of what is told
-//! - `readme`: the commands of the README
+//! - `config`: options from a file
+//! - `shells`: completions and manual pages
+//! - `readme`: the commands of the README and of docs/usage.md
 //!
 //! How good the filled samples are is measured elsewhere, on the library.
 #![allow(clippy::unwrap_used)] // A test program: it fails by panicking.
 
 mod auto;
+mod config;
 mod converting;
 mod interruptions;
 mod lab;
@@ -24,4 +27,5 @@ mod readme;
 mod refusals;
 mod repairing;
 mod reporting;
+mod shells;
 mod terminal;

@@ -1,4 +1,4 @@
-//! The commands of the README are run as they stand there, one after the other, and print what the README says they print.
+//! The commands of the README and of docs/usage.md are run as they stand there, one after the other, and print what is said there.
 
 use crate::lab::{Lab, PROGRAM};
 use std::path::Path;
@@ -64,30 +64,59 @@ fn shows(shown: &str, printed: &str) -> bool {
     fits(&shown, &printed)
 }
 
-#[test]
-fn every_command_of_the_readme_works() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("README.md");
-    let readme = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+/// Runs all commands of a document in an empty folder and returns how many there were.
+#[track_caller]
+fn run_all(document: &str) -> usize {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(document);
+    let text = std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
     let lab = Lab::empty();
     let mut ran = 0;
-    for typed in typed(&readme) {
+    for typed in typed(&text) {
         let mut printed = String::new();
         let last = typed.commands.len() - 1;
         for (at, command) in typed.commands.iter().enumerate() {
             let Some(shell) = ours(command) else { continue };
             let mut run = Command::new("sh");
-            run.args(["-c", &shell]).env("PROGRAM", PROGRAM).current_dir(lab.folder()).stdin(Stdio::null());
+            run.args(["-c", &shell]).env("PROGRAM", PROGRAM).env("COLUMNS", "100").current_dir(lab.folder()).stdin(Stdio::null());
             let output = run.output().unwrap();
             let told = String::from_utf8_lossy(&output.stderr);
             let code = output.status.code();
-            assert!(code == Some(0) || at == last && code == Some(3), "README.md:{}: {command}: {code:?}\n{told}", typed.line);
+            assert!(code == Some(0) || at == last && code == Some(3), "{document}:{}: {command}: {code:?}\n{told}", typed.line);
             printed.push_str(&String::from_utf8(output.stdout).unwrap());
             ran += 1;
         }
         let known = typed.output.trim().is_empty() || printed.is_empty() || shows(&typed.output, &printed);
-        assert!(known, "README.md:{}: shows\n{}\nbut it prints\n{printed}", typed.line, typed.output);
+        assert!(known, "{document}:{}: shows\n{}\nbut it prints\n{printed}", typed.line, typed.output);
     }
+    ran
+}
+
+#[test]
+fn every_command_of_the_readme_works() {
+    let ran = run_all("README.md");
     assert!(ran >= 2, "README.md has {ran} commands of ours in blocks marked sh or console");
+}
+
+/// The whole command line stands in docs/usage.md; `just usage` writes it there.
+#[test]
+fn the_usage_is_what_the_program_says() {
+    let ran = run_all("docs/usage.md");
+    let help = |arguments: &[&str]| Lab::empty().run(arguments).with_code(0).out;
+    let text = std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/usage.md")).unwrap();
+    let listed = help(&["--help"]);
+    let commands: Vec<&str> = listed
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| line.starts_with("  "))
+        .filter(|line| !line.starts_with("   "))
+        .filter_map(|line| line.split_whitespace().next())
+        .filter(|name| *name != "help")
+        .collect();
+    assert!(commands.len() >= 6 && ran > commands.len(), "{commands:?}");
+    for command in commands {
+        assert!(text.contains(&format!("$ mocap-repair {command} --help\n")), "docs/usage.md does not show mocap-repair {command} --help");
+    }
 }
 
 #[test]

@@ -23,7 +23,10 @@ fn wrong_command_lines_end_with_2() {
         (&[][..], "--output <OUT>"),
         (&["walk-gaps.c3d"], "--output <OUT>"),
         (&["-o", "out.c3d"], "<IN>"),
-        (&["walk-gaps.c3d", "-o", "out.c3d", "--method", "magic"], "expected one of: linear, spline, msvd, lds, bolero-hc, bolero-sc"),
+        (
+            &["walk-gaps.c3d", "-o", "out.c3d", "--method", "magic"],
+            "possible values: linear, spline, msvd, lds, bolero-hc, bolero-sc, auto",
+        ),
         (&["walk-gaps.c3d", "-o", "out.c3d", "--rate", "0"], "expected a number of frames per second, from 0.001 to 1000000"),
         (&["walk-gaps.c3d", "-o", "out.c3d", "--rate", "fast"], "expected a number of frames per second"),
         (&["walk-gaps.c3d", "-o", "out.c3d", "--lambda", "inf"], "expected a number above 0"),

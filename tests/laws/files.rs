@@ -52,6 +52,7 @@ fn run_stated(bytes: &[u8], extension: &str, method: Method, stated: Stated) -> 
         policy: Policy::default(),
         markers: Vec::new(),
         reading: stated.into(),
+        config: String::new(),
     };
     let report = repair(&request, &mut (), &AtomicBool::new(false)).unwrap();
     let read = |path: &Path| std::fs::read(path).unwrap();

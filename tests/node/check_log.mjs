@@ -81,7 +81,7 @@ async function indexed(name, path, counts) {
 
   const attachments = [];
   for await (const attachment of reader.readAttachments({ validateCrcs: true })) attachments.push(attachment.name);
-  check(`${name}: report, take and layout are attached`, ["report.jsonl", "take.json", "layout.json"].every((a) => attachments.includes(a)), attachments);
+  check(`${name}: options, report, take and layout are attached`, ["config.toml", "report.jsonl", "take.json", "layout.json"].every((a) => attachments.includes(a)), attachments);
   for await (const attachment of reader.readAttachments({ name: "layout.json" })) {
     const layout = JSON.parse(new TextDecoder().decode(attachment.data));
     check(`${name}: the layout has panels`, Object.keys(layout.configById).length >= 5);
