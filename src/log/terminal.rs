@@ -178,9 +178,15 @@ impl Stage {
 
     /// Seconds that are left if all steps are taken, `secs` after the beginning.
     fn left_secs(&self, secs: f64, counted: (usize, usize)) -> Option<f64> {
-        // Whoever counts within steps has few of them, and they differ: only the whole so far tells about the rest.
-        let (spent, share) = if self.counts_now(counted) { (secs, self.share(counted)) } else { (self.stepped_secs, self.share((0, 0))) };
-        (spent >= LEAST_SECS && share >= LEAST_SHARE).then(|| (spent / share - secs).max(0.0))
+        let mean = (self.steps > 0).then(|| self.stepped_secs / f64::from(self.steps));
+        let rest = f64::from(self.limit.saturating_sub(self.steps));
+        if !self.counts_now(counted) {
+            return mean.filter(|_| self.stepped_secs >= LEAST_SECS).map(|mean| (rest * mean - (secs - self.stepped_secs)).max(0.0));
+        }
+        // Steps that count are few and differ: the one at hand tells about itself and those to come, as soon as it tells anything.
+        let (spent, share) = (secs - self.stepped_secs, counted.0 as f64 / counted.1.max(1) as f64);
+        let one = if spent >= LEAST_SECS && share >= LEAST_SHARE { Some(spent / share) } else { mean };
+        one.map(|one| (one * (rest - share)).max(0.0))
     }
 
     /// Two lines: how far and how long; likelihood and how far things moved.
@@ -198,6 +204,9 @@ impl Stage {
         let taken = |after: &[String]| columns(self.method) + after.iter().map(|text| 2 + columns(text)).sum::<usize>();
         if taken(&after) + 8 > room && counted.1 > 0 {
             after[0] = format!("{}/{}", self.steps, self.limit);
+        }
+        if taken(&after) + 2 > room && after.len() > 1 {
+            after.pop();
         }
         let length = room.saturating_sub(taken(&after) + 2).min(30);
         let full = ((self.share(counted) * length as f64) as usize).min(length);
@@ -230,7 +239,8 @@ fn rounded(secs: f64) -> String {
         s if s < 10.0 => format!("{:.0} s", s.ceil().max(1.0)),
         s if s < 100.0 => format!("{:.0} s", (s / 5.0).ceil() * 5.0),
         s if s < 5400.0 => format!("{:.0} min", (s / 60.0).ceil()),
-        s => format!("{:.1} h", s / 3600.0),
+        s if s < 36_000.0 => format!("{:.1} h", s / 3600.0),
+        s => format!("{:.0} h", s / 3600.0),
     }
 }
 
