@@ -6,6 +6,7 @@ use crate::input::Opened;
 use crate::repair::neighbours;
 use crate::report::{lines, short};
 use crate::solve::Gap;
+use crate::suspects::{self, SuspectReport};
 use formats::{Note, Origin};
 use serde::Serialize;
 use std::fmt::Write;
@@ -27,6 +28,7 @@ pub struct Inspection {
     model_outputs: usize,
     samples_missing: usize,
     samples_derived: usize,
+    suspects: Vec<SuspectReport>,
     gaps: Vec<GapLine>,
     bones: Vec<BoneLine>,
     notes: Vec<NoteLine>,
@@ -69,6 +71,7 @@ impl Inspection {
         let take = opened.document.take();
         let include = neighbours(take);
         let found = gaps(take);
+        let bones = bones::find(take, &include);
         let mut markers: Vec<(usize, MarkerLine)> = (0..take.markers.len())
             .filter(|&m| include[m])
             .map(|m| (m, MarkerLine { label: take.display_label(m), missing: 0, gaps: 0, longest_gap: 0 }))
@@ -105,7 +108,8 @@ impl Inspection {
                     frames: g.frames(),
                 })
                 .collect(),
-            bones: bones::find(take, &include)
+            suspects: SuspectReport::all(&suspects::find(take, &bones), take, false),
+            bones: bones
                 .iter()
                 .map(|b| BoneLine {
                     a: take.display_label(b.a),
@@ -170,6 +174,12 @@ impl Inspection {
             for m in &self.markers {
                 let share = 100.0 * m.missing as f64 / self.frames.max(1) as f64;
                 let _ = writeln!(out, "  {:<width$}  {:>8} {share:>6.1} % {:>6} {:>12}", m.label, m.missing, m.gaps, m.longest_gap);
+            }
+        }
+        if !self.suspects.is_empty() {
+            let _ = writeln!(out, "\n  suspect");
+            for s in &self.suspects {
+                let _ = writeln!(out, "  {}: {}", s.kind, s.text);
             }
         }
         if !self.gaps.is_empty() {

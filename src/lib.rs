@@ -5,6 +5,7 @@
 //!
 //! - [`repair`]: open, decide, solve, fill, write, prove, rename
 //! - [`gaps`], [`bones`]: what is missing and what is stiff
+//! - [`suspects`]: samples that no body makes
 //! - [`solve`]: problems, solvers, the loop, and its observers
 //! - [`log`]: observers that write: the MCAP log, the progress line
 //! - [`fills`], [`report`], [`explain`], [`inspect`]: what is told afterwards, or beforehand
@@ -30,4 +31,5 @@ pub mod repair;
 pub mod report;
 pub mod solve;
 pub mod staging;
+pub mod suspects;
 pub mod verify;

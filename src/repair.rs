@@ -10,6 +10,7 @@ use crate::report::{GapReport, Report, StageReport};
 use crate::solve::auto::Stiffness;
 use crate::solve::lds::{EStep, Hidden, Init};
 use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Solved, Stop};
+use crate::suspects::{self, SuspectReport};
 use crate::verify::Broken;
 use crate::{compression, fills, staging};
 use formats::{DetectError, FormatError, Role, Take};
@@ -55,6 +56,8 @@ pub struct Request {
     pub markers: Vec<String>,
     /// What the user states about the file.
     pub reading: Reading,
+    /// Make gaps of suspect samples, and fill those like others.
+    pub drop_outliers: bool,
 }
 
 /// Why a take could not be repaired. Every text begins with the file it is about.
@@ -151,12 +154,13 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         request.names().check()?;
     }
     let opened = open(&request.input, &request.reading)?;
+    let (opened, bones, suspects) = without_suspects(request, opened)?;
     let before = opened.document.take();
     let found = gaps(before);
-    let (bones, stated_bones) = chosen_bones(request, before)?;
     let asked_for = asked_for(request, before)?;
     let mut decisions: Vec<Result<(), Open>> = found.iter().map(|gap| request.policy.decide(gap, before, asked_for[gap.marker])).collect();
-    let mut report = Report::new(request, &opened, &bones, stated_bones);
+    let mut report = Report::new(request, &opened, &bones, request.bones.is_some());
+    report.suspects = suspects;
     if request.dry_run {
         report.gaps = GapReport::all(&found, &decisions, before, &[]);
     } else {
@@ -207,14 +211,36 @@ pub fn neighbours(take: &Take) -> Vec<bool> {
     take.markers.iter().map(|m| m.role == Role::Marker).collect()
 }
 
-/// The bones, and whether the user stated them.
-fn chosen_bones(request: &Request, take: &Take) -> Result<(Vec<Bone>, bool), RepairError> {
+/// Looks for samples that no body makes, and opens the take again without them if they are to be dropped.
+/// The bones are those of the take that is left.
+fn without_suspects(request: &Request, opened: Opened) -> Result<(Opened, Vec<Bone>, Vec<SuspectReport>), RepairError> {
+    let take = opened.document.take();
+    let bones = chosen_bones(request, take)?;
+    let suspects = suspects::find(take, &bones);
+    let told = SuspectReport::all(&suspects, take, request.drop_outliers);
+    let dropped = suspects::samples(&suspects, take);
+    if !request.drop_outliers || dropped.is_empty() {
+        return Ok((opened, bones, told));
+    }
+    let sha256 = opened.sha256;
+    drop(opened.document); // there must be room for it once only
+    let again = open(&request.input, &Reading { dropped, ..request.reading.clone() })?;
+    if again.sha256 != sha256 {
+        let problem = "was changed by someone else while it was read; nothing was written, run it again".to_owned();
+        return Err(RepairError::Io { path: request.input.clone(), problem });
+    }
+    let bones = chosen_bones(request, again.document.take())?;
+    Ok((again, bones, told))
+}
+
+/// The bones: those that the user stated, else those that are found.
+fn chosen_bones(request: &Request, take: &Take) -> Result<Vec<Bone>, RepairError> {
     let Some(path) = &request.bones else {
-        return Ok((bones::find(take, &neighbours(take)), false));
+        return Ok(bones::find(take, &neighbours(take)));
     };
     let wrong = |error| RepairError::Bones { path: path.clone(), error };
     let stated = bones::parse(&read(path)?).map_err(wrong)?;
-    Ok((bones::resolve(&stated, take).map_err(wrong)?, true))
+    bones::resolve(&stated, take).map_err(wrong)
 }
 
 /// For each column, whether its gaps may be filled.
@@ -400,6 +426,9 @@ impl Request {
         ];
         if !self.markers.is_empty() {
             options.push(("markers".to_owned(), self.markers.join(",")));
+        }
+        if self.drop_outliers {
+            options.push(("drop_outliers".to_owned(), "true".to_owned()));
         }
         options
     }

@@ -6,6 +6,7 @@ use crate::gaps::Open;
 use crate::input::Opened;
 use crate::repair::Request;
 use crate::solve::{Bone, Gap, Stage, Stop};
+use crate::suspects::{self, SuspectReport};
 use formats::{Note, Origin, Take};
 use serde::Serialize;
 use std::fmt::Write;
@@ -163,6 +164,8 @@ pub struct Report {
     pub method: &'static str,
     /// How the models ended.
     pub stages: Vec<StageReport>,
+    /// Samples that no body makes, dropped or not.
+    pub suspects: Vec<SuspectReport>,
     /// What happened to each gap.
     pub gaps: Vec<GapReport>,
     /// The samples that were filled.
@@ -195,6 +198,7 @@ impl Report {
             bones_stated,
             method: request.method.name(),
             stages: Vec::new(),
+            suspects: Vec::new(),
             gaps: Vec::new(),
             samples: Vec::new(),
             parts: Vec::new(),
@@ -278,7 +282,7 @@ impl Report {
         results
     }
 
-    /// The report as JSON lines: notes, gaps, then the summary.
+    /// The report as JSON lines: notes, suspects, gaps, then the summary.
     pub fn json(&self) -> String {
         #[derive(Serialize)]
         #[serde(tag = "message_type", rename_all = "snake_case")]
@@ -289,6 +293,7 @@ impl Report {
                 text: String,
                 matters: bool,
             },
+            Suspect(&'a SuspectReport),
             Gap(&'a GapReport),
             Summary {
                 input: String,
@@ -304,6 +309,9 @@ impl Report {
                 bones: usize,
                 method: &'a str,
                 stages: &'a [StageReport],
+                suspects: usize,
+                samples_suspect: usize,
+                samples_dropped: usize,
                 gaps: usize,
                 gaps_left_open: usize,
                 samples_missing: usize,
@@ -317,6 +325,7 @@ impl Report {
         let path = |p: &Option<PathBuf>| p.as_ref().map(|p| p.display().to_string());
         let mut messages: Vec<Message> =
             self.notes.iter().map(|n| Message::Note { kind: n.kind(), text: n.to_string(), matters: n.matters() }).collect();
+        messages.extend(self.suspects.iter().map(Message::Suspect));
         messages.extend(self.gaps.iter().map(Message::Gap));
         messages.push(Message::Summary {
             input: self.input.display().to_string(),
@@ -332,6 +341,9 @@ impl Report {
             bones: self.bones,
             method: self.method,
             stages: &self.stages,
+            suspects: self.suspects.len(),
+            samples_suspect: self.suspects.iter().map(|s| s.samples).sum(),
+            samples_dropped: self.suspects.iter().filter(|s| s.dropped).map(|s| s.samples).sum(),
             gaps: self.gaps.len(),
             gaps_left_open: self.open_gaps().count(),
             samples_missing: self.missing_samples(),
@@ -362,6 +374,9 @@ impl Report {
                 count(self.bones, "bone")
             ),
         );
+        for (head, told) in suspects::text(&self.suspects, self.dry_run) {
+            line(head, told);
+        }
         let missing = self.missing_samples();
         match self.gaps.iter().max_by_key(|g| g.frames) {
             None => line("gaps", "none".to_owned()),
