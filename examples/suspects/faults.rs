@@ -124,7 +124,7 @@ pub fn put(take: &Take, fault: Fault, dice: &mut Dice) -> (Take, Vec<Put>) {
             || done.iter().any(|p| p.markers.iter().any(|m| markers.contains(m)));
         let seen =
             (start.saturating_sub(gap + 4)..(end + gap + 4).min(frames)).all(|f| markers.iter().all(|&m| take.position_mm(f, m).is_some()));
-        if crowded || !seen || (to_end && end - start > frames / 3) {
+        if crowded || !seen || end - start > frames / 3 {
             continue;
         }
         used.push(start.saturating_sub(gap)..end + gap);

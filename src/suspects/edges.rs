@@ -21,9 +21,11 @@ pub(super) struct Edge {
 /// The least break that is an edge, mm, where partners are witnesses.
 const LEAST_MM: f64 = 8.0;
 /// An edge is this many times what the path usually shows ...
-const TIMES_USUAL: f64 = 9.0;
+const TIMES_USUAL: f64 = 7.0;
 /// ... and this many times what it shows around that frame.
 const TIMES_AROUND: f64 = 4.5;
+/// It is also this share of how far the marker goes from frame to frame against the body: partners that bend explain that much less of it.
+const SHARE_OF_PACE: f64 = 0.35;
 /// The same without witnesses, where only the path speaks.
 const ALONE_MM: f64 = 25.0;
 const ALONE_TIMES_USUAL: f64 = 25.0;
@@ -31,6 +33,8 @@ const ALONE_TIMES_AROUND: f64 = 12.0;
 /// What is around a frame, in seconds on either side, but never fewer than so many frames.
 const AROUND_SECS: f64 = 0.1;
 const AROUND_FRAMES: usize = 6;
+/// How much larger a break has to be where frames on one side only show it, because their errors add up.
+const ONE_SIDED: f64 = 1.5;
 /// So many frames show what is usual.
 const LOOKED_AT: usize = 400;
 
@@ -52,19 +56,22 @@ fn broken(path: impl Fn(isize) -> Option<Point>) -> Option<Break> {
     let (last, first) = (path(-1)?, path(0)?);
     let jump = minus(first, last);
     let steps = (path(-2).map(|p| minus(last, p)), path(1).map(|p| minus(p, first)));
-    let (off, gain) = match steps {
-        (Some(before), Some(after)) => (std::array::from_fn(|k| jump[k] - 0.5 * (before[k] + after[k])), 1.0),
-        (None, Some(after)) => match path(2) {
-            Some(next) => (std::array::from_fn(|k| jump[k] - 2.0 * after[k] + (next[k] - first[k] - after[k])), 2.0),
-            None => (minus(jump, after), 2.5),
-        },
-        (Some(before), None) => match path(-3) {
-            Some(next) => (std::array::from_fn(|k| jump[k] - 2.0 * before[k] + (last[k] - before[k] - next[k])), 2.0),
-            None => (minus(jump, before), 2.5),
-        },
-        (None, None) => (jump, 4.0),
+    let (mm, gain) = match steps {
+        (Some(before), Some(after)) => (length(std::array::from_fn(|k| jump[k] - 0.5 * (before[k] + after[k]))), 1.0),
+        (None, Some(after)) => one_sided(jump, after, path(2).zip(path(1)).map(|(p, q)| minus(p, q))),
+        (Some(before), None) => one_sided(jump, before, path(-2).zip(path(-3)).map(|(p, q)| minus(p, q))),
+        (None, None) => (length(jump), 3.0),
     };
-    Some(Break { mm: length(off), gain })
+    Some(Break { mm, gain })
+}
+
+/// With frames on one side only, the speed there is taken for steady or for steadily changing, whichever makes less of the jump.
+fn one_sided(jump: Point, near: Point, far: Option<Point>) -> (f64, f64) {
+    let steady = length(minus(jump, near));
+    match far {
+        Some(far) => (steady.min(length(std::array::from_fn(|k| jump[k] - 2.0 * near[k] + far[k]))), ONE_SIDED),
+        None => (steady, 1.5 * ONE_SIDED),
+    }
 }
 
 /// The edges of one marker's path.
@@ -137,6 +144,7 @@ impl<'a> Edges<'a> {
             return high.then_some(own.edge(frame));
         };
         let least = among.gain * LEAST_MM.max(TIMES_USUAL * self.usual_among_mm);
+        let least = least.max(SHARE_OF_PACE * self.path.pace(self.marker, frame));
         let high = among.mm > least
             && among.mm > among.gain * TIMES_AROUND * self.around(frame, |f| self.among(f, None))
             && self.least_among(frame).is_some_and(|mm| mm > least && mm > 0.5 * among.mm);
@@ -147,7 +155,7 @@ impl<'a> Edges<'a> {
     pub fn all(&self) -> Vec<Edge> {
         let found: Vec<Edge> = (1..self.path.frames).filter_map(|frame| self.at(frame)).collect();
         // a break shows half of itself in the frames before and after
-        let near = |edge: &Edge, frame: usize| found.iter().find(|e| e.frame == frame).is_some_and(|e| e.size_mm * 0.6 > edge.size_mm);
+        let near = |edge: &Edge, frame: usize| found.iter().find(|e| e.frame == frame).is_some_and(|e| e.firm_mm * 0.6 > edge.firm_mm);
         found.iter().filter(|e| !near(e, e.frame - 1) && !near(e, e.frame + 1)).copied().collect()
     }
 }

@@ -28,10 +28,10 @@ pub use told::{SuspectReport, summary, text};
 use crate::solve::Bone;
 use edges::Edges;
 use formats::{Samples, Take};
-use pieces::{Path, Stray, short_frames};
+use pieces::{Path, Stray, short_frames, some_frames};
 use rayon::prelude::*;
 use swaps::{Afar, Swap};
-use tracks::Tracks;
+use tracks::{Tracks, distance, length, minus, quantile};
 use witness::Witness;
 
 /// A take with fewer frames than this is not looked at: it cannot show what is usual.
@@ -39,6 +39,9 @@ const LEAST_FRAMES: usize = 12;
 
 /// Suspects blind their partners, so a marker is looked at once more without them, at most so often.
 const ROUNDS: usize = 2;
+
+/// Two strays move together if their distance changes by less than this share of what they are off.
+const KEPT_SHARE: f64 = 0.2;
 
 /// What is wrong with a stretch of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -123,6 +126,7 @@ pub fn find(take: &Take, bones: &[Bone]) -> Vec<Suspect> {
             (0..tracks.len()).filter(|&m| found.names(m) || witness.of(m).iter().any(|p| found.names(p.marker))).collect();
         found.look(&tracks, &witness, &touched);
     }
+    found.settle(&tracks, &witness);
     found.suspects(&tracks)
 }
 
@@ -154,6 +158,41 @@ impl Found {
             }
         }
         self.swaps = swaps;
+    }
+
+    /// Gives up strays that their partners share.
+    fn settle(&mut self, tracks: &Tracks, witness: &Witness) {
+        let together: Vec<bool> = self.strays.iter().map(|s| self.moves_with_another(s, tracks, witness)).collect();
+        let mut together = together.into_iter();
+        self.strays.retain(|_| together.next() == Some(false));
+    }
+
+    /// True if a partner strays at the same time, the same way, and the two keep their distance: then it is the body that moves.
+    fn moves_with_another(&self, stray: &Stray, tracks: &Tracks, witness: &Witness) -> bool {
+        let swapped = self.swaps.iter().any(|s| s.markers.contains(&stray.marker) && s.start < stray.end && stray.start < s.end);
+        let apart = |other: &Stray, frame: usize| Some(distance(tracks.at(stray.marker, frame)?, tracks.at(other.marker, frame)?));
+        let off = |s: &Stray, frame: usize| {
+            let expected = Path { tracks, witness, marker: s.marker }.expected(frame, s.left, s.right)?;
+            Some(minus(tracks.at(s.marker, frame)?, expected))
+        };
+        let keeps = |other: &Stray| -> Option<bool> {
+            let frames = some_frames(stray.start.max(other.start), stray.end.min(other.end), 9);
+            let mut inside: Vec<f64> = frames.iter().filter_map(|&f| apart(other, f)).collect();
+            let outside = [stray.left, other.left, stray.right, other.right];
+            let mut outside: Vec<f64> = outside.into_iter().flatten().filter_map(|f| apart(other, f)).collect();
+            let change = (quantile(&mut inside, 0.5)? - quantile(&mut outside, 0.5)?).abs();
+            let middle = frames[frames.len() / 2];
+            let (a, b) = (off(stray, middle)?, off(other, middle)?);
+            let same_way = (0..3).map(|k| a[k] * b[k]).sum::<f64>() > 0.5 * length(a) * length(b);
+            Some(same_way && change < KEPT_SHARE * stray.size_mm.min(other.size_mm))
+        };
+        let others = self.strays.iter().filter(|other| {
+            other.marker != stray.marker
+                && other.start < stray.end
+                && stray.start < other.end
+                && witness.of(stray.marker).iter().any(|p| p.marker == other.marker)
+        });
+        !swapped && others.into_iter().any(|other| keeps(other) == Some(true))
     }
 
     fn names(&self, marker: usize) -> bool {

@@ -24,13 +24,15 @@ pub(super) struct Swap {
 }
 
 /// Exchanged, each is off by at most this share of what it is off as it is.
-const EXPLAINED: f64 = 0.4;
+const EXPLAINED: f64 = 0.5;
 /// Nearer markers than this, mm, are not looked for from afar.
 const LEAST_APART_MM: f64 = 50.0;
 /// From afar, a marker is somewhere else if it is so many times as far off as usual.
-const TIMES_USUAL: f64 = 2.5;
+const TIMES_USUAL: f64 = 2.0;
 /// The take is looked at in about so many frames.
 const LOOKED_AT: usize = 120;
+/// What comes between two gaps is looked at besides, but only so often: a marker that flickers has more than that.
+const MOST_BETWEEN: usize = 200;
 /// Markers that come nearer than this, mm, may exchange labels without a jump.
 const TOUCHING_MM: f64 = 40.0;
 /// So many frames may lie between where two stray pieces begin, or end.
@@ -130,7 +132,7 @@ impl<'a> Afar<'a> {
         let levels = |marker: usize| -> Vec<(usize, f64)> {
             let mut frames: Vec<usize> = (0..self.tracks.frames).step_by(step).collect();
             // what comes between two gaps is not to be missed
-            frames.extend(self.tracks.seen(marker).iter().filter(|(a, b)| b - a >= 4 && b - a < 2 * step).map(|(a, b)| (a + b) / 2));
+            frames.extend(self.tracks.seen(marker).iter().filter(|(a, b)| b - a < 2 * step).take(MOST_BETWEEN).map(|(a, b)| (a + b) / 2));
             frames.sort_unstable();
             frames.dedup();
             frames.into_iter().filter_map(|f| Some((f, self.off(marker, marker, f)?))).collect()

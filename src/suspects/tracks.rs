@@ -14,6 +14,8 @@ pub(super) struct Tracks {
     pub columns: Vec<usize>,
     /// Path by path, frame by frame; NaN where the sample is missing.
     paths: Vec<Vec<Point>>,
+    /// How far all markers together go from each frame to the next.
+    steps: Vec<Point>,
 }
 
 impl Tracks {
@@ -25,7 +27,19 @@ impl Tracks {
             columns = markers().collect();
         }
         let path = |&m: &usize| (0..take.frames()).map(|f| take.position_mm(f, m).unwrap_or([f64::NAN; 3])).collect();
-        Self { rate_hz: take.rate_hz, frames: take.frames(), paths: columns.iter().map(path).collect(), columns }
+        let paths: Vec<Vec<Point>> = columns.iter().map(path).collect();
+        let steps = (1..take.frames().max(1)).map(|frame| mean_step(&paths, frame)).collect();
+        Self { rate_hz: take.rate_hz, frames: take.frames(), paths, columns, steps }
+    }
+
+    /// How far a marker usually goes against all others from one frame to the next, around a frame, mm.
+    pub fn pace(&self, marker: usize, frame: usize) -> f64 {
+        let step = |to: usize| {
+            let from = to.checked_sub(1)?;
+            Some(distance(minus(self.at(marker, to)?, self.at(marker, from)?), *self.steps.get(from)?))
+        };
+        let mut steps: Vec<f64> = (frame.saturating_sub(3)..frame + 4).filter_map(step).collect();
+        quantile(&mut steps, 0.5).unwrap_or(0.0)
     }
 
     /// Number of paths.
@@ -69,6 +83,19 @@ impl Tracks {
     pub fn frames_in(&self, secs: f64) -> usize {
         ((secs * self.rate_hz).round() as usize).max(1)
     }
+}
+
+/// The mean step into a frame of all markers that are seen there and before.
+fn mean_step(paths: &[Vec<Point>], frame: usize) -> Point {
+    let (mut sum, mut count) = ([0.0; 3], 0.0);
+    for path in paths {
+        let step = minus(path[frame], path[frame - 1]);
+        if !step[0].is_nan() {
+            sum = std::array::from_fn(|k| sum[k] + step[k]);
+            count += 1.0;
+        }
+    }
+    if count > 0.0 { sum.map(|x| x / count) } else { sum }
 }
 
 /// Labels of trajectories that no person named: `*12`, `Unlabeled 1034`, `Unnamed_3`, `U-15`, or nothing at all.

@@ -27,7 +27,7 @@ impl Pairs {
     /// Where the points do not say, as about the line on which they all lie, it does not turn.
     pub fn small(&self) -> Matrix3<f64> {
         let mut turn = Matrix3::<f64>::identity();
-        for _ in 0..5 {
+        for _ in 0..12 {
             let m: Matrix3<f64> = turn * self.cross;
             let torque = Vector3::new(m[(1, 2)] - m[(2, 1)], m[(2, 0)] - m[(0, 2)], m[(0, 1)] - m[(1, 0)]);
             let inertia = Matrix3::identity() * m.trace() - (m + m.transpose()) * 0.5;
