@@ -6,7 +6,7 @@
 //! An edge is where both are far above what is usual for this marker, over the whole take and at that time.
 
 use super::tracks::{Point, Tracks, length, minus, quantile};
-use super::witness::Witness;
+use super::witness::{ALL, Those, Witness};
 
 /// A break of the path between `frame - 1` and `frame`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,7 +92,7 @@ impl<'a> Edges<'a> {
             (0..path.frames).step_by(stride).filter_map(|f| edges.own(f)).filter(|b| b.gain == 1.0).map(|b| b.mm).collect();
         edges.usual_mm = quantile(&mut own, 0.5).unwrap_or(0.0);
         let mut among: Vec<f64> =
-            (0..path.frames).step_by(stride).filter_map(|f| edges.among(f, None)).filter(|b| b.gain == 1.0).map(|b| b.mm).collect();
+            (0..path.frames).step_by(stride).filter_map(|f| edges.among(f, ALL)).filter(|b| b.gain == 1.0).map(|b| b.mm).collect();
         edges.usual_among_mm = quantile(&mut among, 0.5).unwrap_or(0.0);
         edges
     }
@@ -108,17 +108,35 @@ impl<'a> Edges<'a> {
     }
 
     /// The break of the path among the partners.
-    fn among(&self, frame: usize, but: Option<usize>) -> Option<Break> {
+    /// Partners that come or go meanwhile do not count, or they would break it.
+    fn among(&self, frame: usize, those: Those) -> Option<Break> {
+        let steady = self.witness.steady(self.marker, self.looked_at(frame));
         broken(|by| {
             let point = self.path.near(self.marker, frame, by)?;
-            if by == 0 { Some(point) } else { self.witness.carried(self.marker, point, frame.checked_add_signed(by)?, frame, but) }
+            if by == 0 {
+                Some(point)
+            } else {
+                self.witness.carried(self.marker, point, frame.checked_add_signed(by)?, frame, those & steady)
+            }
         })
+    }
+
+    /// The frames that a break is seen from: two on either side, or three on one where there is a gap on the other.
+    fn looked_at(&self, frame: usize) -> impl Iterator<Item = usize> + Clone {
+        let seen = move |by: isize| self.path.near(self.marker, frame, by).is_some();
+        let (first, last) = match (seen(-2), seen(1)) {
+            (true, true) => (-2, 1),
+            (false, true) => (-1, 2),
+            (true, false) => (-3, 0),
+            (false, false) => (-1, 0),
+        };
+        (first..=last).filter(move |&by| seen(by)).filter_map(move |by| frame.checked_add_signed(by))
     }
 
     /// The least break that any set of partners leaves, each of which may be wrong itself.
     fn least_among(&self, frame: usize) -> Option<f64> {
-        let all = self.among(frame, None)?.mm;
-        let without = self.witness.of(self.marker).iter().filter_map(|p| self.among(frame, Some(p.marker)));
+        let all = self.among(frame, ALL)?.mm;
+        let without = (0..self.witness.of(self.marker).len()).filter_map(|at| self.among(frame, ALL & !(1 << at)));
         Some(without.map(|b| b.mm).fold(all, f64::min))
     }
 
@@ -138,7 +156,7 @@ impl<'a> Edges<'a> {
         if own.mm < own.gain * LEAST_MM.max(0.5 * TIMES_USUAL * self.usual_mm.min(LEAST_MM)) {
             return None;
         }
-        let Some(among) = self.among(frame, None) else {
+        let Some(among) = self.among(frame, ALL) else {
             let least = ALONE_MM.max(ALONE_TIMES_USUAL * self.usual_mm);
             let high = own.gain == 1.0 && own.mm > least && own.mm > ALONE_TIMES_AROUND * self.around(frame, |f| self.own(f));
             return high.then_some(own.edge(frame));
@@ -146,7 +164,7 @@ impl<'a> Edges<'a> {
         let least = among.gain * LEAST_MM.max(TIMES_USUAL * self.usual_among_mm);
         let least = least.max(SHARE_OF_PACE * self.path.pace(self.marker, frame));
         let high = among.mm > least
-            && among.mm > among.gain * TIMES_AROUND * self.around(frame, |f| self.among(f, None))
+            && among.mm > among.gain * TIMES_AROUND * self.around(frame, |f| self.among(f, ALL))
             && self.least_among(frame).is_some_and(|mm| mm > least && mm > 0.5 * among.mm);
         high.then_some(among.edge(frame))
     }

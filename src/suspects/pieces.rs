@@ -5,7 +5,7 @@
 
 use super::edges::{Edge, Edges};
 use super::tracks::{Point, Tracks, between, distance, length, quantile};
-use super::witness::{Drift, Witness};
+use super::witness::{ALL, Drift, Witness};
 use std::ops::Range;
 
 /// A stretch of a path that does not belong to it.
@@ -100,7 +100,7 @@ impl Path<'_> {
     /// Where the marker is in `frame` if it was carried by its partners from the frames on either side, or from one of them.
     /// Without witnesses: where a cubic through two frames on either side goes, if they are near.
     pub fn expected(&self, frame: usize, left: Option<usize>, right: Option<usize>) -> Option<Point> {
-        let carried = |from: Option<usize>| self.witness.carried(self.marker, self.at(from?)?, from?, frame, None);
+        let carried = |from: Option<usize>| self.witness.carried(self.marker, self.at(from?)?, from?, frame, ALL);
         match (left, right, carried(left), carried(right)) {
             (Some(l), Some(r), Some(p), Some(q)) => Some(between(p, q, (frame - l) as f64 / (r - l) as f64)),
             (_, _, Some(p), None) | (_, _, None, Some(p)) => Some(p),
@@ -130,7 +130,7 @@ impl Path<'_> {
 
     /// The distance, mm, of where the marker is in `frame` from where it is in most of the frames `anchors`, among its partners.
     pub fn level(&self, point: Point, frame: usize, anchors: &[usize]) -> Option<f64> {
-        let from = |&a: &usize| Some(distance(point, self.witness.carried(self.marker, self.at(a)?, a, frame, None)?));
+        let from = |&a: &usize| Some(distance(point, self.witness.carried(self.marker, self.at(a)?, a, frame, ALL)?));
         let mut distances: Vec<f64> = anchors.iter().filter_map(from).collect();
         if distances.len() < anchors.len().div_ceil(2) { None } else { quantile(&mut distances, 0.5) }
     }

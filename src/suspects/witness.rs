@@ -27,6 +27,15 @@ const LOOSEST_MM: f64 = 90.0;
 /// A partner is never weighed as if its distance varied by less than this, in mm.
 const STIFFEST_MM: f64 = 3.0;
 
+/// Fewer do not say how they turn.
+const LEAST_PARTNERS: usize = 3;
+
+/// A choice of a marker's partners, best first from the lowest bit.
+pub(super) type Those = u8;
+
+/// All of them.
+pub(super) const ALL: Those = Those::MAX;
+
 /// A marker that keeps its distance to another, and its weight among the partners.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Partner {
@@ -96,13 +105,13 @@ impl<'a> Witness<'a> {
         &self.partners[marker]
     }
 
-    /// Where `point`, fixed to the partners of `marker` in frame `from`, is in frame `to`. Without the partner `but`, if any.
+    /// Where `point`, fixed to the partners of `marker` in frame `from`, is in frame `to`, if only `those` of them count.
     /// `None` if fewer than three partners are seen in both.
-    pub fn carried(&self, marker: usize, point: Point, from: usize, to: usize, but: Option<usize>) -> Option<Point> {
+    pub fn carried(&self, marker: usize, point: Point, from: usize, to: usize, those: Those) -> Option<Point> {
         let mut pairs = [([0.0; 3], [0.0; 3], 0.0); PARTNERS];
         let mut seen = 0;
-        for partner in &self.partners[marker] {
-            if Some(partner.marker) == but {
+        for (at, partner) in self.partners[marker].iter().enumerate() {
+            if those & (1 << at) == 0 {
                 continue;
             }
             if let (Some(p), Some(q)) = (self.tracks.at(partner.marker, from), self.tracks.at(partner.marker, to)) {
@@ -111,7 +120,7 @@ impl<'a> Witness<'a> {
             }
         }
         let pairs = &pairs[..seen];
-        if seen < 3 {
+        if seen < LEAST_PARTNERS {
             return None;
         }
         let total: f64 = pairs.iter().map(|x| x.2).sum();
@@ -126,10 +135,21 @@ impl<'a> Witness<'a> {
         Some(std::array::from_fn(|k| q_mean[k] + turned[k]))
     }
 
+    /// Those partners of a marker that are seen in all of some frames; all of them if these are too few.
+    pub fn steady(&self, marker: usize, mut frames: impl Iterator<Item = usize> + Clone) -> Those {
+        let mut those: Those = 0;
+        for (at, partner) in self.partners[marker].iter().enumerate() {
+            if frames.clone().all(|f| self.tracks.at(partner.marker, f).is_some()) {
+                those |= 1 << at;
+            }
+        }
+        if those.count_ones() < LEAST_PARTNERS as u32 && frames.next().is_some() { ALL } else { those }
+    }
+
     /// What the partners do not explain of the way from one frame to another: where the marker is less where it would have been carried.
     pub fn unexplained(&self, path: &Tracks, marker: usize, from: usize, to: usize) -> Option<Point> {
         let (was, is) = (path.at(marker, from)?, path.at(marker, to)?);
-        Some(minus(is, self.carried(marker, was, from, to, None)?))
+        Some(minus(is, self.carried(marker, was, from, to, ALL)?))
     }
 
     /// How far the partners usually let a marker drift within 1, 2, 4, ... frames, mm: the 80th percentile.
