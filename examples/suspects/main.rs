@@ -4,6 +4,7 @@
 //! Besides the takes of `demo` it uses some of the takes that are looked for at `../shared`, or where `MOCAP_SHARED` says, and says so if they are not there.
 
 mod faults;
+mod fills;
 
 use clap::Parser;
 use faults::{Dice, Fault, decimated, put};
@@ -12,6 +13,7 @@ use mocap_repair::bones;
 use mocap_repair::demo::walk;
 use mocap_repair::input::open;
 use mocap_repair::repair::neighbours;
+use mocap_repair::solve::Method;
 use mocap_repair::suspects::{self, Kind};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -31,6 +33,9 @@ struct Args {
     /// Only faults with this in their name
     #[arg(long, default_value = "")]
     only: String,
+    /// Instead: what faults cost the fills of other markers with this method, and what dropping suspects gives back
+    #[arg(long, value_parser = |text: &str| Method::parse(text).ok_or("unknown"))]
+    fills: Option<Method>,
 }
 
 const FAULTS: [Fault; 20] = [
@@ -92,6 +97,9 @@ fn main() -> std::io::Result<()> {
     let args = Args::parse();
     let mut out = std::io::stdout().lock();
     let takes = takes();
+    if let Some(method) = args.fills {
+        return fills::table(&takes, args.rounds, method, &mut out);
+    }
     for step in [1, 4] {
         let takes: Vec<(&str, Take)> = takes.iter().map(|(name, take)| (name.as_str(), decimated(take, step))).collect();
         let clean: Vec<usize> = takes.iter().map(|(_, take)| look(take).len()).collect();

@@ -18,6 +18,8 @@
 mod edges;
 mod pieces;
 mod swaps;
+#[cfg(test)]
+mod tests;
 mod told;
 mod tracks;
 mod turn;

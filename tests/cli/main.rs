@@ -4,6 +4,7 @@
 //! - `converting`: `convert`, `.zst`, `--missing`, `--float`
 //! - `auto`: what the default method says about its fills
 //! - `options`: what each option changes in the files
+//! - `outliers`: samples that no body makes
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
 //! - `interruptions`: runs that are killed
 //! - `readme`: the commands of the README
@@ -16,6 +17,7 @@ mod converting;
 mod interruptions;
 mod lab;
 mod options;
+mod outliers;
 mod readme;
 mod refusals;
 mod repairing;
