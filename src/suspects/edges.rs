@@ -173,7 +173,7 @@ impl<'a> Edges<'a> {
     pub fn all(&self) -> Vec<Edge> {
         let found: Vec<Edge> = (1..self.path.frames).filter_map(|frame| self.at(frame)).collect();
         // a break shows half of itself in the frames before and after
-        let near = |edge: &Edge, frame: usize| found.iter().find(|e| e.frame == frame).is_some_and(|e| e.firm_mm * 0.6 > edge.firm_mm);
+        let near = |edge: &Edge, frame: usize| found.iter().find(|e| e.frame == frame).is_some_and(|e| e.size_mm * 0.6 > edge.size_mm);
         found.iter().filter(|e| !near(e, e.frame - 1) && !near(e, e.frame + 1)).copied().collect()
     }
 }

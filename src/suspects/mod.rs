@@ -153,12 +153,6 @@ impl Found {
                 swaps.push(swap);
             }
         }
-        // an exchange that was known stays known, although the two are hidden from each other now
-        for swap in std::mem::take(&mut self.swaps) {
-            if !swaps.iter().any(|s| s.overlaps(&swap)) {
-                swaps.push(swap);
-            }
-        }
         self.swaps = swaps;
     }
 

@@ -67,11 +67,11 @@ impl<'a> Witness<'a> {
                     continue;
                 }
                 let (Some(middle), Some(low), Some(high)) =
-                    (quantile(&mut lengths, 0.5), quantile(&mut lengths, 0.1), quantile(&mut lengths, 0.9))
+                    (quantile(&mut lengths, 0.5), quantile(&mut lengths, 0.25), quantile(&mut lengths, 0.75))
                 else {
                     continue;
                 };
-                let spread = (high - low) / 2.563; // of a Gaussian between its 10th and 90th percentile
+                let spread = (high - low) / 1.349; // of a Gaussian between its quartiles: a label that is elsewhere for a fifth of the take does not count
                 if middle > FARTHEST_MM || spread > LOOSEST_MM {
                     continue;
                 }
