@@ -137,18 +137,30 @@ pub fn find(take: &Take, bones: &[Bone]) -> Vec<Suspect> {
 struct Found {
     strays: Vec<Stray>,
     swaps: Vec<Swap>,
+    /// The frames in which each marker jumps.
+    edges: Vec<Vec<usize>>,
 }
 
 impl Found {
     /// Looks at some markers (again).
     fn look(&mut self, tracks: &Tracks, witness: &Witness, markers: &[usize]) {
-        let strays: Vec<Vec<Stray>> =
-            markers.par_iter().map(|&marker| Path { tracks, witness, marker }.strays(&Edges::new(tracks, witness, marker))).collect();
+        let look = |&marker: &usize| {
+            let edges = Edges::new(tracks, witness, marker);
+            let all = edges.all();
+            (Path { tracks, witness, marker }.strays(&all, edges.usual_among_mm()), all.iter().map(|e| e.frame).collect())
+        };
+        let (strays, edges): (Vec<Vec<Stray>>, Vec<Vec<usize>>) = markers.par_iter().map(look).unzip();
+        self.edges.resize(tracks.len(), Vec::new());
+        for (&marker, edges) in markers.iter().zip(edges) {
+            self.edges[marker] = edges;
+        }
         self.strays.retain(|s| !markers.contains(&s.marker));
         self.strays.extend(strays.into_iter().flatten());
         self.strays.sort_by_key(|s| (s.start, s.marker, s.end));
-        let mut swaps = Afar::new(tracks, witness).swaps();
-        for swap in swaps::among(&self.strays, tracks, witness) {
+        // first those that are known to the frame
+        let mut swaps = swaps::crossings(&self.edges, tracks);
+        let others = Afar::new(tracks, witness).swaps().into_iter().chain(swaps::among(&self.strays, tracks, witness));
+        for swap in others {
             if !swaps.iter().any(|s| s.overlaps(&swap)) {
                 swaps.push(swap);
             }

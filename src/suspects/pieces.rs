@@ -3,7 +3,7 @@
 //! The pieces that are kept are those with the most frames among all that continue each other;
 //! what is left between them has to be off the way from the last frame before it to the first one after it, or it is kept after all.
 
-use super::edges::{Edge, Edges};
+use super::edges::Edge;
 use super::tracks::{Point, Tracks, between, distance, length, quantile};
 use super::witness::{ALL, Drift, Witness};
 use std::ops::Range;
@@ -171,14 +171,13 @@ impl Path<'_> {
         }
     }
 
-    /// The stretches that do not belong to the path.
-    pub fn strays(&self, edges: &Edges) -> Vec<Stray> {
-        let pieces = self.pieces(&edges.all());
+    /// The stretches that do not belong to the path. `usual_mm`: how far it is usually broken among the partners.
+    pub fn strays(&self, edges: &[Edge], usual_mm: f64) -> Vec<Stray> {
+        let pieces = self.pieces(edges);
         if pieces.len() < 2 {
             return Vec::new();
         }
         let drift = self.witness.drift(self.marker);
-        let usual_mm = edges.usual_among_mm();
         let seen: usize = pieces.iter().map(|p| p.end - p.start).sum();
         let breach = BREACH * seen as f64;
         let mut best: Vec<(f64, Option<usize>)> = Vec::with_capacity(pieces.len());

@@ -35,6 +35,8 @@ const LOOKED_AT: usize = 120;
 const MOST_BETWEEN: usize = 200;
 /// Markers that come nearer than this, mm, may exchange labels without a jump.
 const TOUCHING_MM: f64 = 40.0;
+/// Going on exchanged is at most this share of the way of going on as before, where two markers jump to each other's place.
+const CROSSED: f64 = 0.3;
 /// So many frames may lie between where two stray pieces begin, or end.
 const SLACK: usize = 3;
 
@@ -100,6 +102,54 @@ fn apart(tracks: &Tracks, [a, b]: [usize; 2], start: usize, end: usize) -> f64 {
     let both = |f: usize| Some(distance(tracks.at(a, f)?, tracks.at(b, f)?));
     let mut distances: Vec<f64> = (start..end).filter_map(both).collect();
     quantile(&mut distances, 0.5).unwrap_or(0.0)
+}
+
+/// The swaps that show where they begin and end: two markers jump in one frame, each to where the other would have gone on.
+/// `edges` are the frames in which each marker jumps. Partners are not asked, so it does not matter how long the exchange lasts;
+/// of the two ways to be labelled, the one that lasts for less of the take is the wrong one.
+pub(super) fn crossings(edges: &[Vec<usize>], tracks: &Tracks) -> Vec<Swap> {
+    let mut events: BTreeMap<[usize; 2], Vec<usize>> = BTreeMap::new();
+    let mut jumps: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (marker, frames) in edges.iter().enumerate() {
+        for &frame in frames {
+            jumps.entry(frame).or_default().push(marker);
+        }
+    }
+    for (frame, markers) in jumps {
+        for (k, &a) in markers.iter().enumerate() {
+            for &b in markers[k + 1..].iter().filter(|&&b| crosses(tracks, a, b, frame) == Some(true)) {
+                events.entry([a, b]).or_default().push(frame);
+            }
+        }
+    }
+    let mut swaps = Vec::new();
+    for (pair, frames) in events {
+        let borders: Vec<usize> = [0].into_iter().chain(frames).chain([tracks.frames]).collect();
+        let stretches: Vec<(usize, usize)> = borders.windows(2).map(|w| (w[0], w[1])).collect();
+        let both = |frame: &usize| pair.iter().all(|&m| tracks.at(m, *frame).is_some());
+        let lasts = |odd: usize| -> usize { stretches.iter().skip(odd).step_by(2).map(|&(a, b)| (a..b).filter(both).count()).sum() };
+        let wrong = usize::from(lasts(1) <= lasts(0));
+        for &(start, end) in stretches.iter().skip(wrong).step_by(2) {
+            // what reaches an end of the take may have been undone in a gap
+            let open = start == 0 || end == tracks.frames;
+            if end > start && (!open || (start..end).all(|f| both(&f))) {
+                swaps.push(Swap { markers: pair, start, end, size_mm: apart(tracks, pair, start, end) });
+            }
+        }
+    }
+    swaps
+}
+
+/// True if two markers go on in each other's place from `frame` on, as far as the frames around it show.
+fn crosses(tracks: &Tracks, a: usize, b: usize, frame: usize) -> Option<bool> {
+    let expected = |marker: usize| -> Option<Point> {
+        let last = tracks.near(marker, frame, -1)?;
+        let before = tracks.near(marker, frame, -2).unwrap_or(last);
+        Some(std::array::from_fn(|k| 2.0 * last[k] - before[k]))
+    };
+    let (to_a, to_b, at_a, at_b) = (expected(a)?, expected(b)?, tracks.at(a, frame)?, tracks.at(b, frame)?);
+    let (kept, crossed) = (distance(to_a, at_a) + distance(to_b, at_b), distance(to_a, at_b) + distance(to_b, at_a));
+    Some(crossed < CROSSED * kept && kept > TOUCHING_MM)
 }
 
 /// Looks for swaps from afar.
