@@ -282,7 +282,10 @@ impl std::fmt::Display for Raw<'_> {
                  {worst_mm:.3} mm off"
             ),
             Note::StatedStays { samples } => {
-                write!(f, "{samples} samples that are stated missing stay open, and the file still holds in their place what it held")
+                write!(
+                    f,
+                    "{samples} samples that are stated missing or dropped stay open, and the file still holds in their place what it held"
+                )
             }
             Note::LeftOut { what } => write!(f, "not in the new file: {what}"),
             Note::NotExpressible { format, what } => write!(f, "{format} cannot hold {what}; left out"),

@@ -3,7 +3,7 @@
 use crate::compression;
 use crate::missing;
 use crate::repair::RepairError;
-use formats::{Document, Format, FormatError, Note, Notes, Stated};
+use formats::{Document, Format, FormatError, Note, Notes, Samples, Stated};
 use sha2::{Digest, Sha256};
 use std::io;
 use std::path::Path;
@@ -15,6 +15,8 @@ pub struct Reading {
     pub stated: Stated,
     /// Samples that are missing, as `--missing` has them; see [`missing::resolve`].
     pub missing: Vec<String>,
+    /// Samples that count as missing because they were dropped, by frame and column.
+    pub dropped: Samples,
     /// Take integers for floating-point numbers, so that every filled value fits.
     pub float: bool,
 }
@@ -35,7 +37,7 @@ pub struct Opened {
     pub notes: Notes,
     /// SHA-256 of the file as it lies there, hexadecimal.
     pub sha256: String,
-    /// What was stated, with the samples that `--missing` named.
+    /// What was stated, with the samples that `--missing` named and those that were dropped.
     pub stated: Stated,
     /// The file is compressed.
     pub compressed: bool,
@@ -55,7 +57,7 @@ pub fn open(path: &Path, reading: &Reading) -> Result<Opened, RepairError> {
     let extension = name.extension().and_then(|e| e.to_str());
     let head = &bytes[..bytes.len().min(4096)];
     let format = formats::detect(head, extension).map_err(|error| RepairError::Detect { path: path.to_owned(), error })?;
-    let again = if reading.missing.is_empty() { None } else { Some(bytes.clone()) };
+    let again = if reading.missing.is_empty() && reading.dropped.is_empty() { None } else { Some(bytes.clone()) };
     let mut notes = Notes::new();
     let mut stated = reading.stated.clone();
     let mut document = format.open(bytes, &stated, &notes).map_err(wrong)?;
@@ -63,6 +65,7 @@ pub fn open(path: &Path, reading: &Reading) -> Result<Opened, RepairError> {
         // Which samples are meant is known only when the take is.
         let missing = missing::resolve(&reading.missing, document.take());
         stated.missing = missing.map_err(|error| RepairError::Missing { path: path.to_owned(), error })?;
+        reading.dropped.iter().for_each(|(frame, marker)| stated.missing.insert(frame, marker));
         notes = Notes::new();
         document = format.open(bytes, &stated, &notes).map_err(wrong)?;
     }

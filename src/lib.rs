@@ -6,6 +6,7 @@
 //! - [`repair`]: open, decide, solve, fill, write, prove, rename
 //! - [`error`]: why something could not be done
 //! - [`gaps`], [`bones`]: what is missing and what is stiff
+//! - [`suspects`]: samples that no body makes
 //! - [`solve`]: problems, solvers, the loop, and its observers
 //! - [`log`]: observers that write: the MCAP log, the progress line
 //! - [`fills`], [`report`], [`explain`], [`inspect`]: what is told afterwards, or beforehand
@@ -35,5 +36,6 @@ pub mod repair;
 pub mod report;
 pub mod solve;
 pub mod staging;
+pub mod suspects;
 pub mod typeset;
 pub mod verify;

@@ -12,6 +12,7 @@ use crate::solve::auto::Stiffness;
 use crate::solve::body::guess_up;
 use crate::solve::lds::{EStep, Hidden, Init};
 use crate::solve::{Bone, Gap, Limits, Method, Observer, Outcome, Problem, Settings, Solved, Stop};
+use crate::suspects::{self, SuspectReport};
 use crate::{compression, fills, staging};
 use formats::{Direction, Role, Take};
 use sha2::{Digest, Sha256};
@@ -67,6 +68,8 @@ pub struct Request {
     pub reading: Reading,
     /// The options that shape the result, those that nobody said included, as the TOML that `--config` reads: for the records.
     pub config: String,
+    /// Make gaps of suspect samples, and fill those like others.
+    pub drop_outliers: bool,
 }
 
 /// Repairs one take: the main job.
@@ -81,12 +84,13 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
     watch.phase(&format!("reading {}", name(&request.input)));
     let opened = open(&request.input, &request.reading)?;
     watch.phase("looking for gaps and bones");
+    let Ready { opened, bones, suspects, raw } = without_suspects(request, opened)?;
     let before = opened.document.take();
     let found = gaps(before);
-    let (bones, stated_bones) = chosen_bones(request, before)?;
     let asked_for = asked_for(request, before)?;
     let mut decisions: Vec<Result<(), Open>> = found.iter().map(|gap| request.policy.decide(gap, before, asked_for[gap.marker])).collect();
-    let mut report = Report::new(request, &opened, &bones, stated_bones);
+    let mut report = Report::new(request, &opened, &bones, request.bones.is_some());
+    report.suspects = suspects;
     if request.dry_run {
         report.gaps = GapReport::all(&found, &decisions, before, &[]);
     } else {
@@ -106,11 +110,11 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
             };
             let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, (&mut curves, &mut *watch)));
             if interrupt.load(Ordering::Relaxed) {
-                let log = log.and_then(|log| leave_log(log, before, &bones, request, Ended::Interrupted));
+                let log = log.and_then(|log| leave_log(log, &raw, &bones, request, Ended::Interrupted));
                 return Err(RepairError::Interrupted { path: request.input.clone(), log: Left(log) });
             }
             if let Err(problem) = accept(&solved) {
-                let log = log.and_then(|log| leave_log(log, before, &bones, request, Ended::Failed));
+                let log = log.and_then(|log| leave_log(log, &raw, &bones, request, Ended::Failed));
                 return Err(RepairError::Solve { path: request.input.clone(), method: request.method.name(), problem, log: Left(log) });
             }
             report.stages = solved.stages.iter().map(StageReport::new).collect();
@@ -127,7 +131,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.attach_explanations(&found);
         drop(problem); // as large as the take, and of no more use
         watch.phase(&format!("writing and checking {}", name(&request.output)));
-        let found = Found { gaps: &found, bones: &bones, about, curves };
+        let found = Found { gaps: &found, bones: &bones, raw: &raw, about, curves };
         return write_out(request, opened, repaired, found, log, report, watch);
     }
     report.notes = opened.notes.take();
@@ -162,14 +166,45 @@ pub fn neighbours(take: &Take) -> Vec<bool> {
     take.markers.iter().map(|m| m.role == Role::Marker).collect()
 }
 
-/// The bones, and whether the user stated them.
-fn chosen_bones(request: &Request, take: &Take) -> Result<(Vec<Bone>, bool), RepairError> {
+/// A take as it is to be repaired, and as it was read.
+struct Ready {
+    opened: Opened,
+    /// Those of the take that is to be repaired.
+    bones: Vec<Bone>,
+    suspects: Vec<SuspectReport>,
+    /// With the samples that were dropped.
+    raw: Take,
+}
+
+/// Looks for samples that no body makes, and opens the take again without them if they are to be dropped.
+fn without_suspects(request: &Request, opened: Opened) -> Result<Ready, RepairError> {
+    let take = opened.document.take();
+    let bones = chosen_bones(request, take)?;
+    let found = suspects::find(take, &bones);
+    let suspects = SuspectReport::all(&found, take, request.drop_outliers);
+    let dropped = suspects::samples(&found, take);
+    let raw = take.clone(); // shares its positions
+    if !request.drop_outliers || dropped.is_empty() {
+        return Ok(Ready { opened, bones, suspects, raw });
+    }
+    let sha256 = opened.sha256;
+    drop(opened.document); // there must be room for it once only
+    let opened = open(&request.input, &Reading { dropped, ..request.reading.clone() })?;
+    if opened.sha256 != sha256 {
+        return Err(changed(&request.input));
+    }
+    let bones = chosen_bones(request, opened.document.take())?;
+    Ok(Ready { opened, bones, suspects, raw })
+}
+
+/// The bones: those that the user stated, else those that are found.
+fn chosen_bones(request: &Request, take: &Take) -> Result<Vec<Bone>, RepairError> {
     let Some(path) = &request.bones else {
-        return Ok((bones::find(take, &neighbours(take)), false));
+        return Ok(bones::find(take, &neighbours(take)));
     };
     let wrong = |error| RepairError::Bones { path: path.clone(), error };
     let stated = bones::parse(&read(path)?).map_err(wrong)?;
-    Ok((bones::resolve(&stated, take).map_err(wrong)?, true))
+    bones::resolve(&stated, take).map_err(wrong)
 }
 
 /// For each column, whether its gaps may be filled.
@@ -265,6 +300,7 @@ fn start_log(request: &Request, about: About, report: &mut Report) -> Option<Mca
 struct Found<'a> {
     gaps: &'a [Gap],
     bones: &'a [Bone],
+    raw: &'a Take,
     about: About,
     curves: Option<Curves>,
 }
@@ -274,13 +310,12 @@ fn write_out(
     request: &Request,
     opened: Opened,
     mut repaired: Take,
-    Found { gaps, bones, about, curves }: Found<'_>,
+    Found { gaps, bones, raw, about, curves }: Found<'_>,
     log: Option<McapLog>,
     mut report: Report,
     watch: &mut dyn Observer,
 ) -> Result<Report, RepairError> {
     let target = &request.output;
-    let before = opened.document.take().clone(); // shares its positions
     let way = output::way(&request.input, opened.format, target);
     // what replaces a compressed file is compressed, whatever its name
     let compressed = compression::is_named(target) || (request.in_place && opened.compressed);
@@ -298,7 +333,7 @@ fn write_out(
         fills::write(&report.samples, &repaired, request.method, &mut table).map_err(|e| unwritable(path, &e))?;
         placed.keep(path).and_then(|()| staging::publish(table, path)).map_err(|e| unwritable(path, &e))?;
     }
-    let shown = Shown { raw: &before, repaired: Some(&repaired), bones, samples: &report.samples, log_rate_hz: request.log_rate_hz };
+    let shown = Shown { raw, repaired: Some(&repaired), bones, samples: &report.samples, log_rate_hz: request.log_rate_hz };
     if let (Some(path), Some(curves)) = (&request.page, &curves) {
         watch.phase("writing the report");
         let page = Page::of_repair(&about, shown, &report.json_for_log(request), curves);
@@ -309,6 +344,7 @@ fn write_out(
     if let (Some(log), Some(path)) = (log, &request.log) {
         watch.phase("writing the log");
         let mut events = log::of_gaps(gaps, &report.gaps);
+        events.extend(log::of_suspects(&report.suspects, raw));
         events.extend(report.notes.iter().map(|note| Event::note(note.matters(), note.to_string())));
         let closing = Closing {
             ended: Ended::Done,
@@ -361,7 +397,7 @@ fn attachments(request: &Request, report: &Report, sha256: &str) -> Result<Vec<A
 
 /// The input is no longer what was read.
 fn changed(input: &Path) -> RepairError {
-    let problem = "was changed by someone else while it was repaired; nothing was replaced, run it again".to_owned();
+    let problem = "was changed by someone else while it was repaired; nothing was written, run it again".to_owned();
     RepairError::Io { path: input.to_owned(), problem }
 }
 
@@ -424,6 +460,9 @@ impl Request {
         ];
         if !self.markers.is_empty() {
             options.push(("markers".to_owned(), self.markers.join(",")));
+        }
+        if self.drop_outliers {
+            options.push(("drop_outliers".to_owned(), "true".to_owned()));
         }
         options
     }

@@ -59,7 +59,7 @@ impl From<UnitArg> for Unit {
 impl StatedArgs {
     pub fn reading(&self) -> Reading {
         let stated = Stated { rate_hz: self.rate, unit: self.units.map(Unit::from), ..Stated::default() };
-        Reading { stated, missing: self.missing.missing.clone(), float: false }
+        Reading { stated, missing: self.missing.missing.clone(), ..Reading::default() }
     }
 }
 
@@ -141,7 +141,7 @@ impl ConvertArgs {
         Conversion {
             input: self.input.clone(),
             output: self.output.clone(),
-            reading: Reading { stated, missing: self.missing.missing.clone(), float: self.float },
+            reading: Reading { stated, missing: self.missing.missing.clone(), float: self.float, ..Reading::default() },
             from_up: self.from_up,
             to: self.to,
             unit: self.units.map(Unit::from),
@@ -277,6 +277,9 @@ pub(super) struct RepairArgs {
     /// Say for each gap which neighbours and experts filled it, and how far it may be off
     #[arg(long)]
     pub explain: bool,
+    /// Make gaps of samples that no body makes (spikes, swapped markers, ghosts beside gaps), and fill those like others
+    #[arg(long)]
+    pub drop_outliers: bool,
     #[command(flatten)]
     pub stated: StatedArgs,
     /// Make a C3D of integers one of floating-point numbers, so that every filled value fits
@@ -437,6 +440,7 @@ impl RepairArgs {
             markers: self.markers.clone(),
             reading: Reading { float: self.float, ..self.stated.reading() },
             config: String::new(),
+            drop_outliers: self.drop_outliers,
             input,
             output,
         }

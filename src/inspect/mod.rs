@@ -9,6 +9,7 @@ use crate::input::Opened;
 use crate::repair::neighbours;
 use crate::report::lines;
 use crate::solve::Gap;
+use crate::suspects::{self, SuspectReport};
 use formats::{Note, Origin};
 use serde::Serialize;
 use std::path::Path;
@@ -29,6 +30,7 @@ pub struct Inspection {
     model_outputs: usize,
     samples_missing: usize,
     samples_derived: usize,
+    suspects: Vec<SuspectReport>,
     gaps: Vec<GapLine>,
     bones: Vec<BoneLine>,
     notes: Vec<NoteLine>,
@@ -74,6 +76,7 @@ impl Inspection {
         let take = opened.document.take();
         let include = neighbours(take);
         let found = gaps(take);
+        let bones = bones::find(take, &include);
         let mut markers: Vec<(usize, MarkerLine)> = (0..take.markers.len())
             .filter(|&m| include[m])
             .map(|m| (m, MarkerLine { label: take.display_label(m), missing: 0, gaps: 0, longest_gap: 0 }))
@@ -111,7 +114,8 @@ impl Inspection {
                     frames: g.frames(),
                 })
                 .collect(),
-            bones: bones::find(take, &include)
+            suspects: SuspectReport::all(&suspects::find(take, &bones), take, false),
+            bones: bones
                 .iter()
                 .map(|b| BoneLine {
                     a: take.display_label(b.a),

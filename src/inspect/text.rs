@@ -8,6 +8,9 @@ use crate::typeset::{Style, Tone, table};
 /// Unless all are wanted, so many gaps are listed, the longest ones ...
 const MOST_GAPS: usize = 10;
 
+/// ... so many suspects ...
+const MOST_SUSPECTS: usize = 10;
+
 /// ... and so many markers drawn.
 const MOST_MARKERS: usize = 60;
 
@@ -46,6 +49,13 @@ impl Inspection {
         }
         for note in &self.notes {
             out.push_str(&style.item(if note.matters { "look at" } else { "note" }, &note.text));
+        }
+        let shown = if all { self.suspects.len() } else { MOST_SUSPECTS };
+        for suspect in self.suspects.iter().take(shown) {
+            out.push_str(&style.item("suspect", &format!("{}: {}", suspect.kind, suspect.text)));
+        }
+        if self.suspects.len() > shown {
+            out.push_str(&style.item("", &format!("and {} more (--all shows them)", self.suspects.len() - shown)));
         }
         if !self.gaps.is_empty() {
             out.push('\n');

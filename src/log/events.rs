@@ -4,6 +4,8 @@ use super::mcap::About;
 use super::schema::foxglove::{Log, log::Level};
 use crate::report::GapReport;
 use crate::solve::Gap;
+use crate::suspects::SuspectReport;
+use formats::Take;
 use prost_types::Timestamp;
 
 /// A line of the log.
@@ -41,6 +43,23 @@ pub fn of_gaps(gaps: &[Gap], reports: &[GapReport]) -> Vec<Event> {
             let event =
                 |frame: usize, message: String| Event { frame, warning: report.why.is_some(), name: report.marker.clone(), message };
             [event(gap.start, format!("{span}: {fate}")), event(gap.end - 1, format!("gap {} ends", report.gap))]
+        })
+        .collect()
+}
+
+/// Samples that no body makes: one line each, at its first frame.
+pub fn of_suspects(suspects: &[SuspectReport], take: &Take) -> Vec<Event> {
+    let frame = |label: i64| usize::try_from((label - take.first_frame) / take.frame_step.max(1)).unwrap_or(0);
+    suspects
+        .iter()
+        .map(|suspect| {
+            let fate = if suspect.dropped { "dropped" } else { "left as it is" };
+            Event {
+                frame: frame(suspect.first_frame),
+                warning: true,
+                name: suspect.marker.clone(),
+                message: format!("{}: {} ({fate})", suspect.kind, suspect.text),
+            }
         })
         .collect()
 }

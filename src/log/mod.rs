@@ -41,7 +41,7 @@ pub use bone_residuals::{BoneResiduals, Residual};
 pub(crate) use cloud::{Point, metres};
 pub(crate) use describe::NAME as DESCRIPTION;
 pub use describe::{DescribedBone, Description};
-pub use events::{Event, of_gaps};
+pub use events::{Event, of_gaps, of_suspects};
 pub use frames::Shown;
 pub(crate) use frames::columns;
 pub use mcap::{About, Attachment, Closing, Ended, LogError, McapLog, Up, Written};

@@ -2,11 +2,12 @@
 
 use super::{BoneJudgement, GapReport, Report, StageReport};
 use crate::repair::Request;
+use crate::suspects::SuspectReport;
 use serde::Serialize;
 use std::path::Path;
 
 impl Report {
-    /// The report as JSON lines: notes, gaps, then the summary.
+    /// The report as JSON lines: notes, suspects, gaps, then the summary.
     pub fn json(&self) -> String {
         let written = [&self.output, &self.log, &self.fills, &self.page].map(|path| path.as_deref());
         self.json_of(written, |path| path.display().to_string())
@@ -30,6 +31,7 @@ impl Report {
                 text: String,
                 matters: bool,
             },
+            Suspect(&'a SuspectReport),
             Gap(&'a GapReport),
             Summary {
                 input: String,
@@ -47,6 +49,9 @@ impl Report {
                 bones: usize,
                 method: &'a str,
                 stages: &'a [StageReport],
+                suspects: usize,
+                samples_suspect: usize,
+                samples_dropped: usize,
                 gaps: usize,
                 gaps_left_open: usize,
                 samples_missing: usize,
@@ -60,6 +65,7 @@ impl Report {
         let [output, log, fills, report] = written.map(|path| path.map(&name));
         let mut messages: Vec<Message> =
             self.notes.iter().map(|n| Message::Note { kind: n.kind(), text: n.to_string(), matters: n.matters() }).collect();
+        messages.extend(self.suspects.iter().map(Message::Suspect));
         messages.extend(self.gaps.iter().map(Message::Gap));
         messages.push(Message::Summary {
             input: name(&self.input),
@@ -76,6 +82,9 @@ impl Report {
             bones: self.bones,
             method: self.method,
             stages: &self.stages,
+            suspects: self.suspects.len(),
+            samples_suspect: self.suspects.iter().map(|s| s.samples).sum(),
+            samples_dropped: self.suspects.iter().filter(|s| s.dropped).map(|s| s.samples).sum(),
             gaps: self.gaps.len(),
             gaps_left_open: self.open_gaps().count(),
             samples_missing: self.missing_samples(),

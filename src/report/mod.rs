@@ -9,6 +9,7 @@ use crate::gaps::Open;
 use crate::input::Opened;
 use crate::repair::Request;
 use crate::solve::{Bone, Gap, Stage, Stop};
+use crate::suspects::SuspectReport;
 use formats::{Note, Origin, Take};
 use serde::Serialize;
 use std::path::PathBuf;
@@ -157,6 +158,8 @@ pub struct Report {
     pub method: &'static str,
     /// How the models ended.
     pub stages: Vec<StageReport>,
+    /// Samples that no body makes, dropped or not.
+    pub suspects: Vec<SuspectReport>,
     /// What happened to each gap.
     pub gaps: Vec<GapReport>,
     /// The samples that were filled.
@@ -190,6 +193,7 @@ impl Report {
             bones_stated,
             method: request.method.name(),
             stages: Vec::new(),
+            suspects: Vec::new(),
             gaps: Vec::new(),
             samples: Vec::new(),
             parts: Vec::new(),

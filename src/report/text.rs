@@ -3,6 +3,7 @@
 use super::{GapReport, Report, StageReport, count, short};
 use crate::gaps::Open;
 use crate::solve::Stop;
+use crate::suspects;
 use crate::typeset::{Style, Tone, table};
 
 /// The table of markers has so many rows at most.
@@ -69,6 +70,9 @@ impl Report {
                 count(self.bones, "bone")
             ),
         );
+        for (head, told) in suspects::text(&self.suspects, self.dry_run) {
+            line(head, told);
+        }
         let missing = self.missing_samples();
         match self.gaps.iter().max_by_key(|g| g.frames) {
             None => line("gaps", "none".to_owned()),

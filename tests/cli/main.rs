@@ -5,6 +5,7 @@
 //! - `logs`: what is in the log on demand, and what is taken out of it
 //! - `auto`: what the default method says about its fills
 //! - `options`: what each option changes in the files
+//! - `outliers`: samples that no body makes
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
 //! - `reporting`: the report to look at
 //! - `interruptions`: runs that are killed
@@ -23,6 +24,7 @@ mod interruptions;
 mod lab;
 mod logs;
 mod options;
+mod outliers;
 mod readme;
 mod refusals;
 mod repairing;

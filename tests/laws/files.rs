@@ -53,6 +53,7 @@ fn run_stated(bytes: &[u8], extension: &str, method: Method, stated: Stated) -> 
         markers: Vec::new(),
         reading: stated.into(),
         config: String::new(),
+        drop_outliers: false,
     };
     let report = repair(&request, &mut (), &AtomicBool::new(false)).unwrap();
     let read = |path: &Path| std::fs::read(path).unwrap();

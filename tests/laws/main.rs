@@ -4,6 +4,7 @@
 //! | --- | --- |
 //! | [`filling`] | what was seen is never touched, gaps are filled whole, no take makes a solver panic |
 //! | [`moving`] | move, turn or reorder a take, and its repair moves along |
+//! | [`suspects`] | move, turn or reorder a take, and what is suspect in it moves along |
 //! | [`formats`] | a created file opens as the take that it was made from |
 //! | [`files`] | from file to file: every byte that is not a filled sample stays, and the same request gives the same bytes |
 //!
@@ -14,6 +15,7 @@ mod files;
 mod filling;
 mod formats;
 mod moving;
+mod suspects;
 
 use ::formats::{Marker, Origin, Take, TakeBuilder};
 use mocap_repair::demo::walk;
