@@ -6,7 +6,7 @@ use crate::input::Opened;
 use crate::repair::neighbours;
 use crate::report::{lines, short};
 use crate::solve::Gap;
-use crate::suspects::{self, SuspectReport};
+use crate::suspects::{self, SuspectReport, Treatment};
 use formats::{Note, Origin};
 use serde::Serialize;
 use std::fmt::Write;
@@ -108,7 +108,7 @@ impl Inspection {
                     frames: g.frames(),
                 })
                 .collect(),
-            suspects: SuspectReport::all(&suspects::find(take, &bones), take, false),
+            suspects: SuspectReport::all(&suspects::find(take, &bones), take, Treatment::Told),
             bones: bones
                 .iter()
                 .map(|b| BoneLine {

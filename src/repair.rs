@@ -10,7 +10,7 @@ use crate::report::{GapReport, Report, StageReport};
 use crate::solve::auto::Stiffness;
 use crate::solve::lds::{EStep, Hidden, Init};
 use crate::solve::{Bone, Limits, Method, Observer, Outcome, Problem, Settings, Solved, Stop};
-use crate::suspects::{self, SuspectReport};
+use crate::suspects::{self, SuspectReport, Treatment};
 use crate::verify::Broken;
 use crate::{compression, fills, staging};
 use formats::{DetectError, FormatError, Role, Take};
@@ -56,8 +56,8 @@ pub struct Request {
     pub markers: Vec<String>,
     /// What the user states about the file.
     pub reading: Reading,
-    /// Make gaps of suspect samples, and fill those like others.
-    pub drop_outliers: bool,
+    /// What becomes of suspect samples.
+    pub outliers: Treatment,
 }
 
 /// Why a take could not be repaired. Every text begins with the file it is about.
@@ -154,7 +154,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         request.names().check()?;
     }
     let opened = open(&request.input, &request.reading)?;
-    let (opened, bones, suspects) = without_suspects(request, opened)?;
+    let Searched { opened, evidence, bones, suspects } = search(request, opened)?;
     let before = opened.document.take();
     let found = gaps(before);
     let asked_for = asked_for(request, before)?;
@@ -165,7 +165,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.gaps = GapReport::all(&found, &decisions, before, &[]);
     } else {
         let mut repaired = before.clone();
-        let problem = Problem::new(before, &neighbours(before), &bones);
+        let problem = Problem::new(&evidence, &neighbours(before), &bones);
         let mut log = start_log(request, &opened, &bones, &mut report);
         if decisions.iter().any(Result::is_ok) && problem.markers() > 0 {
             let limits =
@@ -211,26 +211,42 @@ pub fn neighbours(take: &Take) -> Vec<bool> {
     take.markers.iter().map(|m| m.role == Role::Marker).collect()
 }
 
+/// A take after the search for samples that no body makes.
+struct Searched {
+    opened: Opened,
+    /// What fills are made from: the take, without what is ignored.
+    evidence: Take,
+    /// The bones of that.
+    bones: Vec<Bone>,
+    suspects: Vec<SuspectReport>,
+}
+
 /// Looks for samples that no body makes, and opens the take again without them if they are to be dropped.
-/// The bones are those of the take that is left.
-fn without_suspects(request: &Request, opened: Opened) -> Result<(Opened, Vec<Bone>, Vec<SuspectReport>), RepairError> {
+fn search(request: &Request, opened: Opened) -> Result<Searched, RepairError> {
     let take = opened.document.take();
     let bones = chosen_bones(request, take)?;
-    let suspects = suspects::find(take, &bones);
-    let told = SuspectReport::all(&suspects, take, request.drop_outliers);
-    let dropped = suspects::samples(&suspects, take);
-    if !request.drop_outliers || dropped.is_empty() {
-        return Ok((opened, bones, told));
+    let found = suspects::find(take, &bones);
+    let samples = suspects::samples(&found, take);
+    let suspects = SuspectReport::all(&found, take, request.outliers);
+    if found.is_empty() || request.outliers == Treatment::Told {
+        let evidence = take.clone();
+        return Ok(Searched { opened, evidence, bones, suspects });
+    }
+    if request.outliers == Treatment::Ignored {
+        let evidence = take.without(&samples);
+        let bones = chosen_bones(request, &evidence)?;
+        return Ok(Searched { opened, evidence, bones, suspects });
     }
     let sha256 = opened.sha256;
     drop(opened.document); // there must be room for it once only
-    let again = open(&request.input, &Reading { dropped, ..request.reading.clone() })?;
-    if again.sha256 != sha256 {
+    let opened = open(&request.input, &Reading { dropped: samples, ..request.reading.clone() })?;
+    if opened.sha256 != sha256 {
         let problem = "was changed by someone else while it was read; nothing was written, run it again".to_owned();
         return Err(RepairError::Io { path: request.input.clone(), problem });
     }
-    let bones = chosen_bones(request, again.document.take())?;
-    Ok((again, bones, told))
+    let evidence = opened.document.take().clone();
+    let bones = chosen_bones(request, &evidence)?;
+    Ok(Searched { opened, evidence, bones, suspects })
 }
 
 /// The bones: those that the user stated, else those that are found.
@@ -427,8 +443,10 @@ impl Request {
         if !self.markers.is_empty() {
             options.push(("markers".to_owned(), self.markers.join(",")));
         }
-        if self.drop_outliers {
-            options.push(("drop_outliers".to_owned(), "true".to_owned()));
+        match self.outliers {
+            Treatment::Told => {}
+            Treatment::Ignored => options.push(("outliers".to_owned(), "ignored".to_owned())),
+            Treatment::Dropped => options.push(("outliers".to_owned(), "dropped".to_owned())),
         }
         options
     }

@@ -206,7 +206,7 @@ impl Path<'_> {
             last = best[at].1;
         }
         kept.reverse();
-        let anchors: Vec<usize> = self.anchors(&kept.iter().map(|&k| (pieces[k].start, pieces[k].end)).collect::<Vec<_>>());
+        let anchors: Vec<usize> = Self::anchors(&kept.iter().map(|&k| (pieces[k].start, pieces[k].end)).collect::<Vec<_>>());
         let mut strays = Vec::new();
         let mut at = 0;
         for next in kept.iter().copied().map(Some).chain([None]) {
@@ -220,7 +220,7 @@ impl Path<'_> {
     }
 
     /// Some frames of the kept pieces, evenly.
-    pub fn anchors(&self, kept: &[(usize, usize)]) -> Vec<usize> {
+    pub fn anchors(kept: &[(usize, usize)]) -> Vec<usize> {
         let frames: Vec<usize> = kept.iter().flat_map(|&(start, end)| start..end).collect();
         (0..ANCHORS.min(frames.len())).map(|k| frames[(2 * k + 1) * frames.len() / (2 * ANCHORS.min(frames.len()))]).collect()
     }

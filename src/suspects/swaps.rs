@@ -163,11 +163,7 @@ pub(super) struct Afar<'a> {
 
 impl<'a> Afar<'a> {
     pub fn new(tracks: &'a Tracks, witness: &'a Witness<'a>) -> Self {
-        let seen = |marker| {
-            let path = Path { tracks, witness, marker };
-            path.anchors(&tracks.seen(marker))
-        };
-        let anchors = (0..tracks.len()).map(seen).collect();
+        let anchors = (0..tracks.len()).map(|marker| Path::anchors(&tracks.seen(marker))).collect();
         Self { tracks, witness, anchors, usual_mm: vec![0.0; tracks.len()] }
     }
 

@@ -95,7 +95,7 @@ impl Pairs {
         let mut longest = 0.0;
         for column in [0, 3, 1, 2] {
             let minor = |row: usize| {
-                let sign = if (row + column) % 2 == 0 { 1.0 } else { -1.0 };
+                let sign = if (row + column).is_multiple_of(2) { 1.0 } else { -1.0 };
                 sign * singular.remove_row(row).remove_column(column).determinant()
             };
             let vector = nalgebra::Vector4::new(minor(0), minor(1), minor(2), minor(3));
