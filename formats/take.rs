@@ -159,7 +159,7 @@ impl Marker {
 /// One recording: markers × frames, in millimetres and in the axes of its file (which are right-handed in every format we know).
 ///
 /// Positions of [`Origin::Missing`] samples are NaN inside and `None` outside.
-/// A take is made by a [`TakeBuilder`]; afterwards the only change it allows is [`Take::fill`].
+/// A take is made by a [`TakeBuilder`]; afterwards the only change it allows is [`Take::fill`], and [`Take::without`] makes a poorer one.
 #[derive(Clone, Debug)]
 pub struct Take {
     /// Frames per second.
@@ -232,6 +232,18 @@ impl Take {
         }
         self.filled_mm.insert((frame, marker), position_mm);
         true
+    }
+
+    /// A copy in which these samples are missing as well. Positions are shared. Samples of model outputs do not count.
+    #[must_use]
+    pub fn without(&self, samples: &Samples) -> Self {
+        let mut other = self.clone();
+        for (frame, marker) in samples.iter().filter(|&(_, marker)| self.markers.get(marker).is_some_and(|m| m.role == Role::Marker)) {
+            if let Some(origin) = other.origins.get_mut(frame, marker) {
+                *origin = Origin::Missing;
+            }
+        }
+        other
     }
 
     /// A name to print for a marker: its label, or its number in the file where the label is empty.
@@ -411,6 +423,14 @@ mod tests {
         assert_eq!((t.origin(1, 0), t.position_mm(1, 0)), (Origin::Repaired, Some([9.0; 3])));
         assert!(!t.fill(1, 0, [8.0; 3]), "filled once is filled");
         assert!(!t.fill(3, 0, [8.0; 3]) && !t.fill(0, 2, [8.0; 3]), "outside the table");
+    }
+
+    #[test]
+    fn a_poorer_copy() {
+        let t = take();
+        let poorer = t.without(&[(0, 0), (0, 1), (7, 7)].into_iter().collect());
+        assert_eq!((poorer.position_mm(0, 0), poorer.origin(0, 0)), (None, Origin::Missing));
+        assert_eq!(t.position_mm(0, 0), Some([1.0, 2.0, 3.0]));
     }
 
     #[test]

@@ -73,8 +73,9 @@ impl Report {
     pub fn attach_explanations(&mut self, gaps: &[Gap]) {
         self.parts.sort_by_key(|p| (p.marker, p.first_frame));
         for (report, gap) in self.gaps.iter_mut().zip(gaps).filter(|(r, _)| r.open.is_none()) {
-            let from = self.parts.partition_point(|p| (p.marker, p.first_frame) < (gap.marker, report.first_frame));
-            let own = self.parts[from..].iter().take_while(|p| p.marker == gap.marker && p.last_frame <= report.last_frame);
+            // a stretch may reach beyond the gap into samples that are ignored
+            let from = self.parts.partition_point(|p| (p.marker, p.last_frame) < (gap.marker, report.first_frame));
+            let own = self.parts[from..].iter().take_while(|p| p.marker == gap.marker && p.first_frame <= report.last_frame);
             report.explanation = own.cloned().collect();
         }
     }

@@ -31,6 +31,7 @@ pub mod log;
 pub mod missing;
 pub mod output;
 pub mod page;
+mod pattern;
 mod random;
 pub mod repair;
 pub mod report;

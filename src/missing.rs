@@ -1,7 +1,7 @@
 //! Samples that the user states to be missing, although the file holds something in their place.
 
 use crate::input::plain;
-use crate::repair::matches;
+use crate::pattern::matches;
 use formats::{Role, Samples, Take};
 use std::path::Path;
 

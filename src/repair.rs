@@ -7,12 +7,13 @@ use crate::input::{Opened, Reading, hex, open, read};
 use crate::log::{self, About, Attachment, Closing, Ended, Event, LogError, McapLog, Shown, Up};
 use crate::output::{self, Names, Written, original_name, unwritable};
 use crate::page::{Curves, Page};
+use crate::pattern::matches;
 use crate::report::{GapReport, Report, StageReport};
 use crate::solve::auto::Stiffness;
 use crate::solve::body::guess_up;
 use crate::solve::lds::{EStep, Hidden, Init};
 use crate::solve::{Bone, Gap, Limits, Method, Observer, Outcome, Problem, Settings, Solved, Stop};
-use crate::suspects::{self, SuspectReport};
+use crate::suspects::{self, SuspectReport, Treatment};
 use crate::{compression, fills, staging};
 use formats::{Direction, Role, Take};
 use sha2::{Digest, Sha256};
@@ -68,8 +69,8 @@ pub struct Request {
     pub reading: Reading,
     /// The options that shape the result, those that nobody said included, as the TOML that `--config` reads: for the records.
     pub config: String,
-    /// Make gaps of suspect samples, and fill those like others.
-    pub drop_outliers: bool,
+    /// What becomes of suspect samples.
+    pub outliers: Treatment,
 }
 
 /// Repairs one take: the main job.
@@ -83,8 +84,8 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
     let name = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
     watch.phase(&format!("reading {}", name(&request.input)));
     let opened = open(&request.input, &request.reading)?;
-    watch.phase("looking for gaps and bones");
-    let Ready { opened, bones, suspects, raw } = without_suspects(request, opened)?;
+    watch.phase("looking for suspects, bones and gaps");
+    let Searched { opened, evidence, bones, suspects, raw } = search(request, opened)?;
     let before = opened.document.take();
     let found = gaps(before);
     let asked_for = asked_for(request, before)?;
@@ -95,7 +96,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         report.gaps = GapReport::all(&found, &decisions, before, &[]);
     } else {
         let mut repaired = before.clone();
-        let problem = Problem::new(before, &neighbours(before), &bones);
+        let problem = Problem::new(&evidence, &neighbours(before), &bones);
         let about = about(request, &opened, &bones, up(before, &problem));
         let mut log = start_log(request, about.clone(), &mut report);
         let mut curves = request.page.is_some().then(Curves::default);
@@ -129,7 +130,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
         }
         report.gaps = GapReport::all(&found, &decisions, before, &report.samples);
         report.attach_explanations(&found);
-        drop(problem); // as large as the take, and of no more use
+        drop((problem, evidence)); // as large as the take, and of no more use
         watch.phase(&format!("writing and checking {}", name(&request.output)));
         let found = Found { gaps: &found, bones: &bones, raw: &raw, about, curves };
         return write_out(request, opened, repaired, found, log, report, watch);
@@ -166,35 +167,44 @@ pub fn neighbours(take: &Take) -> Vec<bool> {
     take.markers.iter().map(|m| m.role == Role::Marker).collect()
 }
 
-/// A take as it is to be repaired, and as it was read.
-struct Ready {
+/// A take after the search for samples that no body makes.
+struct Searched {
     opened: Opened,
-    /// Those of the take that is to be repaired.
+    /// What fills are made from: the take, without what is ignored.
+    evidence: Take,
+    /// The bones of that.
     bones: Vec<Bone>,
     suspects: Vec<SuspectReport>,
-    /// With the samples that were dropped.
+    /// The take as it was read, with what is dropped.
     raw: Take,
 }
 
 /// Looks for samples that no body makes, and opens the take again without them if they are to be dropped.
-fn without_suspects(request: &Request, opened: Opened) -> Result<Ready, RepairError> {
+fn search(request: &Request, opened: Opened) -> Result<Searched, RepairError> {
     let take = opened.document.take();
     let bones = chosen_bones(request, take)?;
     let found = suspects::find(take, &bones);
-    let suspects = SuspectReport::all(&found, take, request.drop_outliers);
-    let dropped = suspects::samples(&found, take);
     let raw = take.clone(); // shares its positions
-    if !request.drop_outliers || dropped.is_empty() {
-        return Ok(Ready { opened, bones, suspects, raw });
+    let samples = suspects::samples(&found, take);
+    let suspects = SuspectReport::all(&found, take, request.outliers);
+    if found.is_empty() || request.outliers == Treatment::Told {
+        let evidence = take.clone();
+        return Ok(Searched { opened, evidence, bones, suspects, raw });
+    }
+    if request.outliers == Treatment::Ignored {
+        let evidence = take.without(&samples);
+        let bones = chosen_bones(request, &evidence)?;
+        return Ok(Searched { opened, evidence, bones, suspects, raw });
     }
     let sha256 = opened.sha256;
     drop(opened.document); // there must be room for it once only
-    let opened = open(&request.input, &Reading { dropped, ..request.reading.clone() })?;
+    let opened = open(&request.input, &Reading { dropped: samples, ..request.reading.clone() })?;
     if opened.sha256 != sha256 {
         return Err(changed(&request.input));
     }
-    let bones = chosen_bones(request, opened.document.take())?;
-    Ok(Ready { opened, bones, suspects, raw })
+    let evidence = opened.document.take().clone();
+    let bones = chosen_bones(request, &evidence)?;
+    Ok(Searched { opened, evidence, bones, suspects, raw })
 }
 
 /// The bones: those that the user stated, else those that are found.
@@ -224,35 +234,6 @@ fn asked_for(request: &Request, take: &Take) -> Result<Vec<bool>, RepairError> {
         }
     }
     Ok(asked)
-}
-
-/// True if `pattern`, in which `*` stands for any text and `?` for one character, fits the whole of `text`.
-pub(crate) fn matches(pattern: &str, text: &str) -> bool {
-    let (pattern, text): (Vec<char>, Vec<char>) = (pattern.chars().collect(), text.chars().collect());
-    let (mut p, mut t) = (0, 0);
-    let mut star: Option<(usize, usize)> = None;
-    while t < text.len() {
-        match pattern.get(p) {
-            Some('*') => {
-                star = Some((p, t));
-                p += 1;
-            }
-            Some(&c) if c == '?' || c == text[t] => {
-                p += 1;
-                t += 1;
-            }
-            _ => match star {
-                // let the last star swallow one character more
-                Some((at, from)) => {
-                    star = Some((at, from + 1));
-                    p = at + 1;
-                    t = from + 1;
-                }
-                None => return false,
-            },
-        }
-    }
-    pattern[p..].iter().all(|&c| c == '*')
 }
 
 /// Which axis points up, for those who look at the take.
@@ -461,8 +442,10 @@ impl Request {
         if !self.markers.is_empty() {
             options.push(("markers".to_owned(), self.markers.join(",")));
         }
-        if self.drop_outliers {
-            options.push(("drop_outliers".to_owned(), "true".to_owned()));
+        match self.outliers {
+            Treatment::Told => {}
+            Treatment::Ignored => options.push(("outliers".to_owned(), "ignored".to_owned())),
+            Treatment::Dropped => options.push(("outliers".to_owned(), "dropped".to_owned())),
         }
         options
     }
@@ -471,27 +454,5 @@ impl Request {
 impl Report {
     fn log_failed(&mut self, path: &Path, error: &LogError) {
         self.log_error = Some(format!("{}: {error}", path.display()));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn patterns_fit_whole_labels() {
-        for (pattern, text, fits) in [
-            ("LKNE", "LKNE", true),
-            ("LKNE", "LKNEE", false),
-            ("L*", "LKNE", true),
-            ("*:L?NE", "s:LKNE", true),
-            ("*K*E*", "LKNE", true),
-            ("?", "", false),
-            ("*", "", true),
-            ("*a*b", "aab", true),
-            ("*a*b", "aba", false),
-        ] {
-            assert_eq!(matches(pattern, text), fits, "{pattern} {text}");
-        }
     }
 }

@@ -10,9 +10,10 @@ use mocap_repair::input::open;
 use mocap_repair::repair::neighbours;
 use mocap_repair::solve::auto::Recipe;
 use mocap_repair::solve::{Limits, Method, Problem, Settings};
+use mocap_repair::suspects;
 use rayon::prelude::*;
 use serde::Deserialize;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -38,6 +39,9 @@ struct Args {
     /// Leave ingredients of auto out
     #[arg(long, value_delimiter = ',')]
     without: Vec<String>,
+    /// Fill nothing from samples that no body makes
+    #[arg(long)]
+    ignore_outliers: bool,
     /// Print each case
     #[arg(long)]
     each: bool,
@@ -97,7 +101,7 @@ fn work(args: &Args) -> Result<(), String> {
             }
         }
         let scores: Vec<Score> =
-            cases.par_iter().map(|case| judge(case, &takes[case.motion.as_str()], args.method, &recipe)).collect::<Result<_, _>>()?;
+            cases.par_iter().map(|case| judge(case, &takes[case.motion.as_str()], args, &recipe)).collect::<Result<_, _>>()?;
         let mut print = |text: String| writeln!(out, "{text}").map_err(|e| e.to_string());
         print(format!("{} {}", list.display(), args.without.join(",")))?;
         if args.each {
@@ -144,22 +148,31 @@ fn work(args: &Args) -> Result<(), String> {
     Ok(())
 }
 
-fn judge(case: &Case, truth: &Take, method: Method, recipe: &Recipe) -> Result<Score, String> {
+fn judge(case: &Case, truth: &Take, args: &Args, recipe: &Recipe) -> Result<Score, String> {
     let mut builder = TakeBuilder::from(truth.clone());
     for &[marker, first, last] in &case.gaps {
         for frame in first..=last {
             builder.hide(frame, marker);
         }
     }
-    let holed = builder.build();
+    let mut holed = builder.build();
+    let hidden: BTreeSet<(usize, usize)> =
+        case.gaps.iter().flat_map(|&[marker, first, last]| (first..=last).map(move |frame| (frame, marker))).collect();
     let everybody = neighbours(&holed);
+    if args.ignore_outliers {
+        let suspects = suspects::find(&holed, &bones::find(&holed, &everybody));
+        holed = holed.without(&suspects::samples(&suspects, &holed));
+    }
     let began = std::time::Instant::now();
     let problem = Problem::new(&holed, &everybody, &bones::find(&holed, &everybody));
     let settings = Settings { recipe: *recipe, ..Settings::default() };
-    let estimate = method.solve(&problem, &settings, &Limits::default(), &mut ()).estimate;
+    let estimate = args.method.solve(&problem, &settings, &Limits::default(), &mut ()).estimate;
     let seconds = began.elapsed().as_secs_f64();
     let (mut squares, mut variances, mut within) = (0.0, 0.0, 0usize);
     for (k, &(t, column)) in problem.missing.iter().enumerate() {
+        if !hidden.contains(&(t, problem.columns[column])) {
+            continue; // an outlier that was ignored
+        }
         let real = truth.position_mm(t, problem.columns[column]).ok_or("a case hides what the take does not have")?;
         let found = estimate.positions_mm[k];
         let error = (0..3).map(|axis| (real[axis] - found[axis]).powi(2)).sum::<f64>();
@@ -167,7 +180,7 @@ fn judge(case: &Case, truth: &Take, method: Method, recipe: &Recipe) -> Result<S
         variances += estimate.sigma_mm[k].powi(2);
         within += usize::from(error.sqrt() <= 2.0 * estimate.sigma_mm[k]);
     }
-    let n = problem.missing.len() as f64;
+    let n = hidden.len() as f64;
     let place = |t: usize, i: usize| {
         problem
             .missing

@@ -1,7 +1,7 @@
 //! What faults cost the fills of other markers, and what dropping suspects gives back.
 
 use crate::faults::{Dice, Fault, put};
-use formats::{Samples, Take, TakeBuilder};
+use formats::{Samples, Take};
 use mocap_repair::bones;
 use mocap_repair::repair::neighbours;
 use mocap_repair::solve::{Limits, Method, Problem, Settings};
@@ -17,11 +17,6 @@ const FAULTS: [Fault; 6] = [
     Fault::Swap(50.0, 150.0),
     Fault::Swap(150.0, 600.0),
 ];
-
-/// The take without some samples.
-fn without(take: &Take, hidden: &Samples) -> Take {
-    TakeBuilder::from(take.clone()).missing(hidden).build()
-}
 
 /// Errors, mm, of the samples `asked` after a repair of `take`.
 fn errors(take: &Take, asked: &Samples, truth: &Take, method: Method) -> Vec<f64> {
@@ -69,11 +64,11 @@ pub fn table(takes: &[(String, Take)], rounds: u64, method: Method, out: &mut dy
                     let (start, end) = (put.frames.start.saturating_sub(20).max(2), (put.frames.end + 20).min(take.frames() - 2));
                     (start..end).for_each(|frame| gaps.insert(frame, marker));
                 }
-                let with_gaps = without(&wrong, &gaps);
+                let with_gaps = wrong.without(&gaps);
                 let every = neighbours(&with_gaps);
                 let found = suspects::find(&with_gaps, &bones::find(&with_gaps, &every));
-                let dropped = without(&with_gaps, &suspects::samples(&found, &with_gaps));
-                for (column, tried) in columns.iter_mut().zip([&without(take, &gaps), &with_gaps, &dropped]) {
+                let dropped = with_gaps.without(&suspects::samples(&found, &with_gaps));
+                for (column, tried) in columns.iter_mut().zip([&take.without(&gaps), &with_gaps, &dropped]) {
                     column.extend(errors(tried, &gaps, take, method));
                 }
             }

@@ -11,6 +11,7 @@ use crate::solve::lds::em::Noise;
 use crate::solve::lds::step::BoneStep;
 use crate::solve::lds::{EStep, Hidden, Init, Start};
 use crate::solve::{Limits, Method, Settings};
+use crate::suspects::Treatment;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Arg, Args, ValueEnum, ValueHint};
 use formats::{Direction, Format, Stated, Unit};
@@ -278,8 +279,11 @@ pub(super) struct RepairArgs {
     #[arg(long)]
     pub explain: bool,
     /// Make gaps of samples that no body makes (spikes, swapped markers, ghosts beside gaps), and fill those like others
-    #[arg(long)]
+    #[arg(long, conflicts_with = "ignore_outliers")]
     pub drop_outliers: bool,
+    /// Leave samples that no body makes as they are, but fill nothing from them
+    #[arg(long)]
+    pub ignore_outliers: bool,
     #[command(flatten)]
     pub stated: StatedArgs,
     /// Make a C3D of integers one of floating-point numbers, so that every filled value fits
@@ -440,7 +444,11 @@ impl RepairArgs {
             markers: self.markers.clone(),
             reading: Reading { float: self.float, ..self.stated.reading() },
             config: String::new(),
-            drop_outliers: self.drop_outliers,
+            outliers: match (self.drop_outliers, self.ignore_outliers) {
+                (true, _) => Treatment::Dropped,
+                (false, true) => Treatment::Ignored,
+                (false, false) => Treatment::Told,
+            },
             input,
             output,
         }

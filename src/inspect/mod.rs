@@ -9,7 +9,7 @@ use crate::input::Opened;
 use crate::repair::neighbours;
 use crate::report::lines;
 use crate::solve::Gap;
-use crate::suspects::{self, SuspectReport};
+use crate::suspects::{self, SuspectReport, Treatment};
 use formats::{Note, Origin};
 use serde::Serialize;
 use std::path::Path;
@@ -114,7 +114,7 @@ impl Inspection {
                     frames: g.frames(),
                 })
                 .collect(),
-            suspects: SuspectReport::all(&suspects::find(take, &bones), take, false),
+            suspects: SuspectReport::all(&suspects::find(take, &bones), take, Treatment::Told),
             bones: bones
                 .iter()
                 .map(|b| BoneLine {

@@ -76,6 +76,18 @@ impl Kind {
     }
 }
 
+/// What becomes of suspects.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Treatment {
+    /// They are told, and count as measured.
+    #[default]
+    Told,
+    /// They stay as they are, but nothing is filled from them.
+    Ignored,
+    /// They become gaps.
+    Dropped,
+}
+
 /// A stretch of samples that no body makes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Suspect {

@@ -130,10 +130,10 @@ fn a_summary_names_the_largest() {
         take = moved(&take, "LWRA", at..at + 1, [mm, 0.0, 0.0]);
     }
     take = swapped(&take, "LKNE", "RKNE", 450..500);
-    let reports = SuspectReport::all(&looked(&take), &take, false);
+    let reports = SuspectReport::all(&looked(&take), &take, Treatment::Told);
     assert_eq!(summary(&reports), ["4 spikes (LWRA, 201; LWRA, 301; LWRA, 401; ...)", "1 swap (LKNE/RKNE, 451 to 500)"]);
     let lines = text(&reports, false);
     assert_eq!((lines[0].0, lines.len()), ("suspect", 3));
-    let dropped = text(&SuspectReport::all(&looked(&take), &take, true), false);
+    let dropped = text(&SuspectReport::all(&looked(&take), &take, Treatment::Dropped), false);
     assert_eq!((dropped[0].0, dropped.len()), ("dropped", 6), "never silently: one by one");
 }

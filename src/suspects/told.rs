@@ -1,6 +1,6 @@
 //! Suspects as they are told: to people in sentences, to scripts in lines.
 
-use super::{Kind, Suspect};
+use super::{Kind, Suspect, Treatment};
 use crate::report::count;
 use formats::Take;
 use serde::Serialize;
@@ -28,6 +28,8 @@ pub struct SuspectReport {
     pub size_mm: f64,
     /// True if its samples were made gaps.
     pub dropped: bool,
+    /// True if its samples were left as they are, but nothing was filled from them.
+    pub ignored: bool,
     /// All this in a sentence.
     pub text: String,
     /// For counting: both sides of a swap are one.
@@ -37,7 +39,7 @@ pub struct SuspectReport {
 
 impl SuspectReport {
     /// One report per suspect. `take` is the one that they were found in.
-    pub fn all(suspects: &[Suspect], take: &Take, dropped: bool) -> Vec<Self> {
+    pub fn all(suspects: &[Suspect], take: &Take, treatment: Treatment) -> Vec<Self> {
         let tell = |s: &Suspect| Self {
             kind: s.kind.word(),
             marker: take.display_label(s.marker),
@@ -46,7 +48,8 @@ impl SuspectReport {
             last_frame: take.frame_label(s.end.saturating_sub(1)),
             samples: s.samples(take).count(),
             size_mm: (s.size_mm * 10.0).round() / 10.0,
-            dropped,
+            dropped: treatment == Treatment::Dropped,
+            ignored: treatment == Treatment::Ignored,
             text: s.sentence(take),
             counts: s.with.is_none_or(|with| s.marker < with),
         };
@@ -118,6 +121,11 @@ pub fn text(suspects: &[SuspectReport], dry_run: bool) -> Vec<(&'static str, Str
     if let Some(first) = lines.first_mut() {
         first.0 = "suspect";
     }
-    lines.push(("", "look at them, or make them gaps with --drop-outliers".to_owned()));
+    let way = if suspects.iter().any(|s| s.ignored) {
+        "nothing was filled from them; --drop-outliers makes them gaps"
+    } else {
+        "look at them, fill without them (--ignore-outliers), or make them gaps (--drop-outliers)"
+    };
+    lines.push(("", way.to_owned()));
     lines
 }

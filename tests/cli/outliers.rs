@@ -137,3 +137,32 @@ fn what_is_dropped_and_not_filled_stays_as_it_was() {
     assert_eq!(lab.read("odd.c3d.orig"), before);
     assert_ne!(lab.read("odd.c3d"), before);
 }
+
+#[test]
+fn ignored_outliers_stay_and_fills_do_without_them() {
+    let (lab, truth) = odd();
+    // a gap of the other wrist marker while the first one is off, and of a knee while the thighs are exchanged
+    let gaps = ["--missing", "LWRB:50-70", "--missing", "LKNE:85-115"];
+    let error = |output: &str| {
+        let take = lab.take(output);
+        let mut squares = 0.0;
+        for (name, frames) in [("LWRB", 49..70), ("LKNE", 84..115)] {
+            let marker = column(&take, name);
+            for frame in frames {
+                let (is, was) = (take.position_mm(frame, marker).unwrap(), truth.position_mm(frame, marker).unwrap());
+                squares += (0..3).map(|k| (is[k] - was[k]).powi(2)).sum::<f64>();
+            }
+        }
+        f64::sqrt(squares / 52.0)
+    };
+    let odd_take = lab.take("odd.c3d");
+    lab.run(&[&["odd.c3d", "-o", "leaning.c3d"][..], &gaps].concat()).with_code(0);
+    let ran = lab.run(&[&["odd.c3d", "-o", "free.c3d", "--ignore-outliers"][..], &gaps].concat()).with_code(0);
+    assert!(ran.out.contains("nothing was filled from them"), "{}", ran.out);
+    let free = lab.take("free.c3d");
+    for (frame, marker) in wrong(&truth) {
+        assert_eq!(free.position_mm(frame, marker), odd_take.position_mm(frame, marker), "they stay as they were measured");
+    }
+    assert!(error("free.c3d") < 5.0 && 3.0 * error("free.c3d") < error("leaning.c3d"), "{} {}", error("free.c3d"), error("leaning.c3d"));
+    assert!(lab.run(&["odd.c3d", "-o", "no.c3d", "--ignore-outliers", "--drop-outliers"]).code == 2);
+}

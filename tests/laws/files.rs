@@ -7,6 +7,7 @@ use mocap_repair::repair::{Request, repair};
 use mocap_repair::report::Report;
 use mocap_repair::solve::lds::Hidden;
 use mocap_repair::solve::{Method, Settings};
+use mocap_repair::suspects::Treatment;
 use proptest::prelude::*;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
@@ -53,7 +54,7 @@ fn run_stated(bytes: &[u8], extension: &str, method: Method, stated: Stated) -> 
         markers: Vec::new(),
         reading: stated.into(),
         config: String::new(),
-        drop_outliers: false,
+        outliers: Treatment::Told,
     };
     let report = repair(&request, &mut (), &AtomicBool::new(false)).unwrap();
     let read = |path: &Path| std::fs::read(path).unwrap();

@@ -38,6 +38,7 @@ const SAMPLES: &[(&str, &[&str])] = &[
     ("log-source", &[]),
     ("report", &["report.html"]),
     ("drop-outliers", &[]),
+    ("ignore-outliers", &[]),
     ("force", &[]),
     ("dry-run", &[]),
     ("json", &[]),
