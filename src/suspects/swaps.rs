@@ -130,9 +130,10 @@ pub(super) fn crossings(edges: &[Vec<usize>], tracks: &Tracks) -> Vec<Swap> {
         let lasts = |odd: usize| -> usize { stretches.iter().skip(odd).step_by(2).map(|&(a, b)| (a..b).filter(both).count()).sum() };
         let wrong = usize::from(lasts(1) <= lasts(0));
         for &(start, end) in stretches.iter().skip(wrong).step_by(2) {
-            // what reaches an end of the take may have been undone in a gap
+            // what reaches an end of the take may have been undone in a gap, or by a jump that was not understood
             let open = start == 0 || end == tracks.frames;
-            if end > start && (!open || (start..end).all(|f| both(&f))) {
+            let jumps = || pair.iter().any(|&m| edges[m].iter().any(|e| (start + 1..end).contains(e)));
+            if end > start && (!open || ((start..end).all(|f| both(&f)) && !jumps())) {
                 swaps.push(Swap { markers: pair, start, end, size_mm: apart(tracks, pair, start, end) });
             }
         }
@@ -142,13 +143,13 @@ pub(super) fn crossings(edges: &[Vec<usize>], tracks: &Tracks) -> Vec<Swap> {
 
 /// True if two markers go on in each other's place from `frame` on, as far as the frames around it show.
 fn crosses(tracks: &Tracks, a: usize, b: usize, frame: usize) -> Option<bool> {
-    let expected = |marker: usize| -> Option<Point> {
-        let last = tracks.near(marker, frame, -1)?;
-        let before = tracks.near(marker, frame, -2).unwrap_or(last);
-        Some(std::array::from_fn(|k| 2.0 * last[k] - before[k]))
+    // going on as fast as before, or not at all: the frame before may be exchanged itself
+    let way = |from: usize, to: usize| -> Option<f64> {
+        let (last, next) = (tracks.near(from, frame, -1)?, tracks.at(to, frame)?);
+        let steady = |before: Point| distance(std::array::from_fn(|k| 2.0 * last[k] - before[k]), next);
+        Some(tracks.near(from, frame, -2).map_or(f64::INFINITY, steady).min(distance(last, next)))
     };
-    let (to_a, to_b, at_a, at_b) = (expected(a)?, expected(b)?, tracks.at(a, frame)?, tracks.at(b, frame)?);
-    let (kept, crossed) = (distance(to_a, at_a) + distance(to_b, at_b), distance(to_a, at_b) + distance(to_b, at_a));
+    let (kept, crossed) = (way(a, a)? + way(b, b)?, way(a, b)? + way(b, a)?);
     Some(crossed < CROSSED * kept && kept > TOUCHING_MM)
 }
 
