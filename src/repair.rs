@@ -20,6 +20,7 @@ use sha2::{Digest, Sha256};
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use tempfile::NamedTempFile;
 
 pub use crate::error::RepairError;
 
@@ -307,21 +308,20 @@ fn write_out(
     report.judge_bones(bones, &repaired, request.hard());
     report.notes = notes.take();
 
-    // From here on everything is written; what remains are names.
-    let mut placed = staging::Placed::default();
+    let mut beside: Vec<(&Path, NamedTempFile)> = Vec::new();
     if let Some(path) = &request.fills {
         let mut table = staging::beside(path).map_err(|e| unwritable(path, &e))?;
         fills::write(&report.samples, &repaired, request.method, &mut table).map_err(|e| unwritable(path, &e))?;
-        placed.keep(path).and_then(|()| staging::publish(table, path)).map_err(|e| unwritable(path, &e))?;
+        beside.push((path, table));
     }
     let shown = Shown { raw, repaired: Some(&repaired), bones, samples: &report.samples, log_rate_hz: request.log_rate_hz };
     if let (Some(path), Some(curves)) = (&request.page, &curves) {
         watch.phase("writing the report");
         let page = Page::of_repair(&about, shown, &report.json_for_log(request), curves);
         let written = page.map_err(io::Error::other).and_then(|page| page.stage(path));
-        let file = written.map_err(|e| unwritable(path, &e))?;
-        placed.keep(path).and_then(|()| staging::publish(file, path)).map_err(|e| unwritable(path, &e))?;
+        beside.push((path, written.map_err(|e| unwritable(path, &e))?));
     }
+    let mut whole = None;
     if let (Some(log), Some(path)) = (log, &request.log) {
         watch.phase("writing the log");
         let mut events = log::of_gaps(gaps, &report.gaps);
@@ -334,8 +334,23 @@ fn write_out(
             shown: Some(shown),
             events,
         };
+        match log.write(&closing) {
+            Ok(log) => whole = Some((path, log)),
+            Err(error) => report.log_failed(path, &error),
+        }
+    }
+    for (path, file) in &beside {
+        file.as_file().sync_all().map_err(|e| unwritable(path, &e))?;
+    }
+
+    // From here on everything is written; what remains are names, the take's last.
+    let mut placed = staging::Placed::default();
+    for (path, file) in beside {
+        placed.keep(path).and_then(|()| staging::publish(file, path)).map_err(|e| unwritable(path, &e))?;
+    }
+    if let Some((path, log)) = whole {
         placed.keep(path).map_err(|e| unwritable(path, &e))?;
-        match log.finish(&closing) {
+        match log.place() {
             Ok(_) => report.log = Some(path.clone()),
             Err(error) => report.log_failed(path, &error),
         }

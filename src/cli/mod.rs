@@ -23,9 +23,9 @@ use clap_complete::Shell;
 use formats::printable;
 use serde::Serialize;
 use std::ffi::OsString;
-use std::io::Write;
+use std::io::{ErrorKind as ErrorKindIo, Write};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 const USAGE: &str = "\
 mocap-repair [OPTIONS] <IN> --output <OUT>
@@ -127,6 +127,13 @@ enum Command {
 
 /// Parses the command line, does what it says and returns the exit code.
 pub fn main(interrupt: &AtomicBool) -> u8 {
+    match run(interrupt) {
+        0 if LOST.load(Ordering::Relaxed) => 1,
+        code => code,
+    }
+}
+
+fn run(interrupt: &AtomicBool) -> u8 {
     let words: Vec<OsString> = std::env::args_os().collect();
     let (cli, matches) = match parse(&words) {
         Ok(parsed) => parsed,
@@ -374,7 +381,17 @@ fn fail(error: &str, json: bool) {
     }
 }
 
-/// Prints to standard output; a reader that has gone away is not our failure.
+/// True if something that was to be printed is lost.
+static LOST: AtomicBool = AtomicBool::new(false);
+
+/// Prints to standard output; a reader that has gone away is not our failure, a full disk is.
 fn print(text: &str) {
-    let _ = std::io::stdout().lock().write_all(text.as_bytes());
+    let mut out = std::io::stdout().lock();
+    match out.write_all(text.as_bytes()).and_then(|()| out.flush()) {
+        Err(error) if error.kind() != ErrorKindIo::BrokenPipe => {
+            LOST.store(true, Ordering::Relaxed);
+            eprintln!("mocap-repair: standard output: cannot be written: {error}");
+        }
+        _ => {}
+    }
 }

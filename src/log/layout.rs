@@ -27,27 +27,43 @@ pub(super) fn attachment(about: &About, shown: &Shown<'_>, stages: &[Stage]) -> 
 }
 
 fn layout(about: &About, shown: &Shown<'_>, stages: &[Stage]) -> Value {
-    let panels = [
-        ("3D!take", space(about, shown)),
-        ("Plot!likelihood", titled("Log-likelihood of each iteration", likelihood(stages))),
-        ("Plot!residuals", titled("Bone residuals in filled frames, mm", residuals(shown))),
-        ("Plot!lengths", titled("Bone lengths minus their means, mm", lengths(shown))),
-        ("StateTransitions!markers", titled("Markers: observed, filled, missing", states(shown))),
-        ("RosOut!log", titled("Log", json!({ "topicToRender": Channel::Log.topic(), "searchTerms": [], "minLogLevel": 1 }))),
-        ("RawMessages!likelihood", titled("Iteration", json!({ "topicPath": Channel::Likelihood.topic(), "diffEnabled": false }))),
+    let mut panels = vec![
+        ("3D!take".to_owned(), space(about, shown)),
+        ("Plot!residuals".to_owned(), titled("Bone residuals in filled frames, mm", residuals(shown))),
+        ("Plot!lengths".to_owned(), titled("Bone lengths minus their means, mm", lengths(shown))),
+        ("StateTransitions!markers".to_owned(), titled("Markers: observed, filled, missing", states(shown))),
+        (
+            "RosOut!log".to_owned(),
+            titled("Log", json!({ "topicToRender": Channel::Log.topic(), "searchTerms": [], "minLogLevel": 1 })),
+        ),
+        (
+            "RawMessages!likelihood".to_owned(),
+            titled("Iteration", json!({ "topicPath": Channel::Likelihood.topic(), "diffEnabled": false })),
+        ),
     ];
-    let pair = |direction: &str, percent: u32, first: Value, second: Value| json!({ "direction": direction, "splitPercentage": percent, "first": first, "second": second });
-    let left = pair("column", 62, json!("3D!take"), json!("StateTransitions!markers"));
-    let below = pair("row", 70, json!("RosOut!log"), json!("RawMessages!likelihood"));
-    let curves = pair("column", 50, json!("Plot!likelihood"), json!("Plot!residuals"));
-    let right = pair("column", 55, curves, pair("column", 55, json!("Plot!lengths"), below));
+    // likelihoods of different models cannot be compared, and a plot has one x, so each model has a plot of its own
+    let likelihoods = likelihoods(stages);
+    let side_by_side = likelihoods.iter().rev().fold(Value::Null, |rest, (id, _)| match rest {
+        Value::Null => json!(id),
+        rest => pair("row", 50, &json!(id), &rest),
+    });
+    panels.extend(likelihoods);
+    let left = pair("column", 62, &json!("3D!take"), &json!("StateTransitions!markers"));
+    let below = pair("row", 70, &json!("RosOut!log"), &json!("RawMessages!likelihood"));
+    let curves = pair("column", 50, &side_by_side, &json!("Plot!residuals"));
+    let right = pair("column", 55, &curves, &pair("column", 55, &json!("Plot!lengths"), &below));
     json!({
-        "configById": panels.into_iter().map(|(id, config)| (id.to_owned(), config)).collect::<serde_json::Map<_, _>>(),
+        "configById": panels.into_iter().collect::<serde_json::Map<_, _>>(),
         "globalVariables": {},
         "userNodes": {},
         "playbackConfig": { "speed": 1 },
-        "layout": pair("row", 50, left, right),
+        "layout": pair("row", 50, &left, &right),
     })
+}
+
+/// Two parts of the window, the first of which takes `percent` of it.
+fn pair(direction: &str, percent: u32, first: &Value, second: &Value) -> Value {
+    json!({ "direction": direction, "splitPercentage": percent, "first": first, "second": second })
 }
 
 /// Each viewer looks for a panel's title under a name of its own.
@@ -129,19 +145,25 @@ fn curve(path: &str, label: &str) -> Value {
     json!({ "value": path, "enabled": true, "timestampMethod": "receiveTime", "label": label })
 }
 
-/// A plot has one path for x, so the stages share the counter that runs over all of them.
-fn likelihood(stages: &[Stage]) -> Value {
+/// One plot for each model with a likelihood; one that stays empty if there is none.
+fn likelihoods(stages: &[Stage]) -> Vec<(String, Value)> {
     let (y, x) = (Channel::Likelihood.topic(), Channel::BoneResiduals.topic());
-    // likelihoods of different models cannot be compared: the last one is the one that matters, and the x of a stage needs that stage's y
     let with: Vec<&Stage> = stages.iter().filter(|stage| stage.likelihood).collect();
-    match with.last() {
-        Some(stage) if with.len() > 1 => plot(
-            Some(&format!("{x}{{stage=={}}}.iteration", stage.number)),
-            &[curve(&format!("{y}{{stage=={}}}.log_likelihood", stage.number), stage.method)],
-        ),
-        Some(stage) => plot(Some(&format!("{x}.iteration")), &[curve(&format!("{y}.log_likelihood"), stage.method)]),
-        None => plot(Some(&format!("{x}.iteration")), &[curve(&format!("{y}.log_likelihood"), "no likelihood")]),
+    let alone = with.len() < 2;
+    let panel = |number: usize, title: &str, filter: &str, label: &str| {
+        let curve = curve(&format!("{y}{filter}.log_likelihood"), label);
+        (format!("Plot!likelihood{number}"), titled(title, plot(Some(&format!("{x}{filter}.iteration")), &[curve])))
+    };
+    if with.is_empty() {
+        return vec![panel(0, "Log-likelihood: the method has none", "", "no likelihood")];
     }
+    with.iter()
+        .enumerate()
+        .map(|(at, stage)| {
+            let filter = if alone { String::new() } else { format!("{{stage=={}}}", stage.number) };
+            panel(at, &format!("Log-likelihood of {}, each iteration", stage.method), &filter, stage.method)
+        })
+        .collect()
 }
 
 fn residuals(shown: &Shown<'_>) -> Value {

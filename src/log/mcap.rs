@@ -15,7 +15,7 @@ use super::frames::{Frames, Shown};
 use super::metadata::{Stage, metadata};
 use super::{BoneResiduals, axes, describe, layout, schema};
 use crate::report::count;
-use crate::solve::{Observer, Outcome, Start, Step, Stop};
+use crate::solve::{Observer, Outcome, Start, Step};
 use crate::staging;
 use ::mcap::records::{MessageHeader, Metadata};
 use ::mcap::{Compression, McapError, WriteOptions, Writer};
@@ -155,6 +155,25 @@ pub struct Written {
     pub bytes: u64,
 }
 
+/// A log that was written and checked, and still has a hidden name. Dropped, it is gone.
+#[derive(Debug)]
+pub struct Whole {
+    path: PathBuf,
+    file: NamedTempFile,
+    written: Written,
+}
+
+impl Whole {
+    /// Gives the log its name, replacing what had that name before.
+    ///
+    /// # Errors
+    /// It could not be renamed; what had the name before is still there.
+    pub fn place(self) -> Result<Written, LogError> {
+        self.file.persist(&self.path).map_err(|e| e.error)?;
+        Ok(self.written)
+    }
+}
+
 /// Why a log could not be written. The path is added once, by the caller.
 #[derive(Debug, thiserror::Error)]
 pub enum LogError {
@@ -247,7 +266,15 @@ impl McapLog {
     ///
     /// # Errors
     /// The file could not be written, does not read back as it was written, or could not be renamed. What had the name before is still there.
-    pub fn finish(mut self, closing: &Closing<'_>) -> Result<Written, LogError> {
+    pub fn finish(self, closing: &Closing<'_>) -> Result<Written, LogError> {
+        self.write(closing)?.place()
+    }
+
+    /// Writes everything, syncs the file and reads it back. What comes out only lacks its name.
+    ///
+    /// # Errors
+    /// The file could not be written, or does not read back as it was written.
+    pub fn write(mut self, closing: &Closing<'_>) -> Result<Whole, LogError> {
         let about = &self.about;
         let mut attachments = closing.attachments.clone();
         if let Some(shown) = &closing.shown {
@@ -278,8 +305,8 @@ impl McapLog {
             other => other,
         })?;
         let bytes = self.file.as_file().metadata()?.len();
-        self.file.persist(&self.path).map_err(|e| e.error)?;
-        Ok(Written { messages: messages.iter().map(|(_, count)| count).sum(), bytes })
+        let written = Written { messages: messages.iter().map(|(_, count)| count).sum(), bytes };
+        Ok(Whole { path: self.path, file: self.file, written })
     }
 
     /// The path that the log will have.
@@ -463,6 +490,6 @@ impl Observer for McapLog {
         stage.end = Some((outcome.stop.word(), outcome.steps, error));
         // at its last iteration, if it had any of its own
         let last = if self.before.is_some() { self.iterations.saturating_sub(1) } else { self.iterations };
-        self.say(last, outcome.stop != Stop::Converged, method, text);
+        self.say(last, !outcome.stop.settled(), method, text);
     }
 }

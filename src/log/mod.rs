@@ -44,7 +44,7 @@ pub use describe::{DescribedBone, Description};
 pub use events::{Event, of_gaps, of_suspects};
 pub use frames::Shown;
 pub(crate) use frames::columns;
-pub use mcap::{About, Attachment, Closing, Ended, LogError, McapLog, Up, Written};
+pub use mcap::{About, Attachment, Closing, Ended, LogError, McapLog, Up, Whole, Written};
 pub use metadata::METADATA;
 pub use read::{LogReadError, attachment, extract_layout, is_unfinished};
 pub(crate) use replay::{Told, replay};

@@ -8,7 +8,7 @@ use crate::fills::Filled;
 use crate::gaps::Open;
 use crate::input::Opened;
 use crate::repair::Request;
-use crate::solve::{Bone, Gap, Stage, Stop};
+use crate::solve::{Bone, Gap, Stage};
 use crate::suspects::SuspectReport;
 use formats::{Note, Origin, Take};
 use serde::Serialize;
@@ -38,6 +38,9 @@ pub struct GapReport {
     /// Why it was filled as it was, from methods that can say: one part for each stretch that was filled in its own way.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub explanation: Vec<Part>,
+    /// Column of the take: labels may occur twice.
+    #[serde(skip)]
+    pub(crate) column: usize,
     #[serde(skip)]
     pub(crate) why: Option<Open>,
 }
@@ -55,6 +58,7 @@ impl GapReport {
             .map(|(at, (gap, decision))| Self {
                 gap: at + 1,
                 marker: take.display_label(gap.marker),
+                column: gap.marker,
                 first_frame: take.frame_label(gap.start),
                 last_frame: take.frame_label(gap.end - 1),
                 frames: gap.frames(),
@@ -74,6 +78,9 @@ pub struct StageReport {
     pub method: &'static str,
     /// Why it stopped.
     pub stop: &'static str,
+    /// True if there was nothing left to do.
+    #[serde(skip)]
+    pub(crate) settled: bool,
     /// Rounds taken.
     pub iterations: u32,
     /// Last log-likelihood in nats, if the method has one.
@@ -90,6 +97,7 @@ impl StageReport {
         Self {
             method,
             stop: outcome.stop.word(),
+            settled: outcome.stop.settled(),
             iterations: outcome.steps,
             log_likelihood: outcome.last.and_then(|p| p.log_likelihood),
             rms_residual_mm: outcome.last.and_then(|p| p.rms_residual_mm),
@@ -257,7 +265,7 @@ impl Report {
     /// 0 if every gap is filled and nothing was assumed or lost, else 3. (Errors have their own codes.)
     pub fn exit_code(&self) -> u8 {
         // models before the last one are only asked for advice
-        let unsettled = self.stages.last().is_some_and(|s| s.stop != Stop::Converged.word()) || self.unmet().is_some();
+        let unsettled = self.stages.last().is_some_and(|s| !s.settled) || self.unmet().is_some();
         let matters = self.notes.iter().any(Note::matters);
         if self.open_gaps().next().is_some() || unsettled || matters || self.log_error.is_some() { 3 } else { 0 }
     }

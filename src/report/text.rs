@@ -2,7 +2,6 @@
 
 use super::{GapReport, Report, StageReport, count, short};
 use crate::gaps::Open;
-use crate::solve::Stop;
 use crate::suspects;
 use crate::typeset::{Style, Tone, table};
 
@@ -13,7 +12,7 @@ impl StageReport {
     /// In a few words: what it was, why and when it ended, and what came before.
     fn text(&self, before: &[Self]) -> String {
         let mut said = Vec::new();
-        if self.stop != Stop::Converged.word() || self.log_likelihood.is_some() || self.iterations > 1 {
+        if !self.settled || self.log_likelihood.is_some() || self.iterations > 1 {
             said.push(format!("{} after {}", self.stop.replace('-', " "), count(self.iterations as usize, "iteration")));
         }
         said.extend(before.iter().map(|s| format!("{} of {} before", s.iterations, s.method)));
@@ -24,6 +23,7 @@ impl StageReport {
 /// The gaps of one marker.
 struct Row<'a> {
     marker: &'a str,
+    column: usize,
     gaps: usize,
     samples: usize,
     longest: usize,
@@ -36,8 +36,8 @@ impl<'a> Row<'a> {
     fn all(gaps: &'a [GapReport]) -> Vec<Self> {
         let mut rows: Vec<Self> = Vec::new();
         for gap in gaps {
-            if rows.last().is_none_or(|row| row.marker != gap.marker) {
-                rows.push(Self { marker: &gap.marker, gaps: 0, samples: 0, longest: 0, worst_sigma_mm: None, open: 0 });
+            if rows.last().is_none_or(|row| row.column != gap.column) {
+                rows.push(Self { marker: &gap.marker, column: gap.column, gaps: 0, samples: 0, longest: 0, worst_sigma_mm: None, open: 0 });
             }
             if let Some(row) = rows.last_mut() {
                 row.gaps += 1;

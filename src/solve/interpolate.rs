@@ -69,6 +69,10 @@ impl Solver for Interpolate<'_> {
         Ok(Progress { log_likelihood: None, rms_residual_mm: None, largest_move_mm: 0.0, rms_move_mm: 0.0, done: true })
     }
 
+    fn counted(&self) -> bool {
+        true
+    }
+
     fn estimate(&self) -> &Estimate {
         &self.estimate
     }

@@ -75,6 +75,11 @@ pub trait Solver {
     /// What is known after the last step.
     fn estimate(&self) -> &Estimate;
 
+    /// True for a method that consists of a number of steps, after which it is complete; others take steps until they converge.
+    fn counted(&self) -> bool {
+        false
+    }
+
     /// Last touches to the estimate that would cost too much in every round. [`run`] calls it once, after the last step and before observers hear of that step.
     fn conclude(&mut self) {}
 }
@@ -106,6 +111,8 @@ impl Default for Limits<'_> {
 pub enum Stop {
     /// The steps had become too small to matter.
     Converged,
+    /// All the steps were taken that the method consists of.
+    Complete,
     /// The step limit came first.
     StepLimit,
     /// Somebody asked for it.
@@ -115,10 +122,16 @@ pub enum Stop {
 }
 
 impl Stop {
+    /// True if there was nothing left to do.
+    pub fn settled(self) -> bool {
+        matches!(self, Self::Converged | Self::Complete)
+    }
+
     /// One word, for logs and scripts.
     pub fn word(self) -> &'static str {
         match self {
             Self::Converged => "converged",
+            Self::Complete => "complete",
             Self::StepLimit => "step-limit",
             Self::Interrupted => "interrupted",
             Self::Failed => "failed",
@@ -276,16 +289,17 @@ pub fn run(solver: &mut dyn Solver, problem: &Problem, stage: u32, limits: &Limi
             (Some(a), Some(b)) => (b - a).abs() <= limits.tolerance * b.abs() && progress.rms_move_mm <= limits.still_mm,
             _ => false,
         };
-        let converged = progress.done || settled;
-        if converged || outcome.steps + 1 == limits.steps {
+        let complete = progress.done && solver.counted();
+        let converged = !complete && (progress.done || settled);
+        if complete || converged || outcome.steps + 1 == limits.steps {
             solver.conclude();
         }
         observer.stepped(&Step { stage, iteration: outcome.steps, progress: &progress, problem, estimate: solver.estimate(), converged });
         before = progress.log_likelihood;
         outcome.steps += 1;
         outcome.last = Some(progress);
-        if converged {
-            outcome.stop = Stop::Converged;
+        if complete || converged {
+            outcome.stop = if complete { Stop::Complete } else { Stop::Converged };
             break;
         }
     }

@@ -77,7 +77,7 @@ fn json_and_the_log_explain_every_filled_gap() {
     let messages = lab.run(&["gaps.c3d", "-o", "walk.c3d", "--json"]).with_code(3).messages();
     let (summary, gaps) = messages.split_last().unwrap();
     assert_eq!(stages(summary).iter().map(|s| s.0).collect::<Vec<_>>(), ["bolero-sc", "auto"]);
-    assert_eq!(stages(summary)[1].1, "converged");
+    assert_eq!(stages(summary)[1].1, "complete");
     let filled: Vec<&Value> = gaps.iter().filter(|gap| gap["open"].is_null()).collect();
     assert_eq!((gaps.len(), filled.len()), (4, 3));
     for gap in filled {

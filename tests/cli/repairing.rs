@@ -59,7 +59,7 @@ fn a_repair_writes_take_and_log_and_tells() {
         "{markers}"
     );
     assert!(ran.out.starts_with("walk-gaps.c3d -> walk.c3d\n"), "{}", ran.out);
-    let by = format!("with {} samples by auto (converged after 3 iterations, ", holes.len());
+    let by = format!("with {} samples by auto (complete after 3 iterations, ", holes.len());
     assert!(ran.sentences().contains(&by), "{}", ran.out);
     assert!(ran.out.lines().all(|line| line.chars().count() <= 80), "{}", ran.out);
 

@@ -109,7 +109,7 @@ function reasonsOf(open) {
 function notes(model, take, judged) {
   const lines = [];
   for (const stage of model.summary.stages.slice(-1)) {
-    if (stage.stop !== "converged") lines.push([true, `${stage.method} ${stopWords(stage.stop)} after ${counted(stage.iterations, "iteration")}, before it converged.`]);
+    if (stage.stop !== "converged" && stage.stop !== "complete") lines.push([true, `${stage.method} ${stopWords(stage.stop)} after ${counted(stage.iterations, "iteration")}, before it converged.`]);
   }
   for (const note of model.notes) lines.push([note.matters, sentence(note.text)]);
   if (take.thinned) {

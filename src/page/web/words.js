@@ -68,6 +68,7 @@ const reason = (word) => REASONS[word] || String(word).replaceAll("-", " ");
 
 const STOPS = {
   converged: "converged",
+  complete: "complete",
   "step-limit": "stopped at its limit",
   interrupted: "interrupted",
   failed: "failed",

@@ -366,6 +366,10 @@ impl Solver for Auto<'_> {
         })
     }
 
+    fn counted(&self) -> bool {
+        true
+    }
+
     fn estimate(&self) -> &Estimate {
         &self.estimate
     }
