@@ -53,7 +53,11 @@ pub fn of_suspects(suspects: &[SuspectReport], take: &Take) -> Vec<Event> {
     suspects
         .iter()
         .map(|suspect| {
-            let fate = if suspect.dropped { "dropped" } else { "left as it is" };
+            let fate = match (suspect.dropped, suspect.ignored) {
+                (true, _) => "dropped",
+                (false, true) => "left as it is, and not used to fill others",
+                (false, false) => "left as it is",
+            };
             Event {
                 frame: frame(suspect.first_frame),
                 warning: true,

@@ -32,10 +32,7 @@ fn layout(about: &About, shown: &Shown<'_>, stages: &[Stage]) -> Value {
         ("Plot!residuals".to_owned(), titled("Bone residuals in filled frames, mm", residuals(shown))),
         ("Plot!lengths".to_owned(), titled("Bone lengths minus their means, mm", lengths(shown))),
         ("StateTransitions!markers".to_owned(), titled("Markers: observed, filled, missing", states(shown))),
-        (
-            "RosOut!log".to_owned(),
-            titled("Log", json!({ "topicToRender": Channel::Log.topic(), "searchTerms": [], "minLogLevel": 1 })),
-        ),
+        ("RosOut!log".to_owned(), titled("Log", json!({ "topicToRender": Channel::Log.topic(), "searchTerms": [], "minLogLevel": 1 }))),
         (
             "RawMessages!likelihood".to_owned(),
             titled("Iteration", json!({ "topicPath": Channel::Likelihood.topic(), "diffEnabled": false })),

@@ -53,7 +53,8 @@ fn what_is_drawn_can_be_thinned() {
 fn where_a_take_lies_makes_no_difference_to_its_log() {
     let logs = [Lab::new(), Lab::new()].map(|lab| {
         let name = |file: &str| lab.path(file).display().to_string();
-        lab.run(&[&name("walk-gaps.c3d"), "-o", &name("walk.c3d"), "--method", "lds", "--hidden", "4"]);
+        lab.write("bones.csv", "LKNE,LANK\n");
+        lab.run(&[&name("walk-gaps.c3d"), "-o", &name("walk.c3d"), "--method", "lds", "--hidden", "4", "--bones", &name("bones.csv")]);
         lab.read("walk.mcap")
     });
     assert!(logs[0] == logs[1]);

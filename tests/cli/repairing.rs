@@ -153,7 +153,7 @@ fn json_is_one_message_per_line() {
     ] {
         assert_eq!(summary[key], value, "{key}");
     }
-    assert_eq!(summary["stages"].as_array().unwrap().last().unwrap()["stop"], "converged");
+    assert_eq!(summary["stages"].as_array().unwrap().last().unwrap()["stop"], "complete");
     let filled = gaps.iter().filter(|m| m["open"].is_null());
     assert_eq!(summary["samples_filled"], filled.map(|m| m["frames"].as_u64().unwrap()).sum::<u64>());
 }

@@ -14,7 +14,7 @@ use clap::error::ErrorKind;
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use std::any::TypeId;
-use std::ffi::OsString;
+use std::ffi::{OsStr, OsString};
 use std::fmt::Write;
 use std::path::Path;
 use toml::Spanned;
@@ -273,7 +273,8 @@ struct Entry<'a> {
     idle: bool,
 }
 
-fn entries<'a>(command: &'a Command, matches: &ArgMatches) -> Vec<Entry<'a>> {
+/// `bare`: files are named without their folders.
+fn entries<'a>(command: &'a Command, matches: &ArgMatches, bare: bool) -> Vec<Entry<'a>> {
     options(command)
         .map(|(key, arg)| {
             let id = arg.get_id().as_str();
@@ -282,7 +283,13 @@ fn entries<'a>(command: &'a Command, matches: &ArgMatches) -> Vec<Entry<'a>> {
                 Some(matches.get_flag(id).to_string())
             } else {
                 matches.get_raw(id).map(|raw| {
-                    let values: Vec<String> = raw.map(|value| toml_value(arg, &value.to_string_lossy())).collect();
+                    let word = |value: &OsStr| match Path::new(value).file_name() {
+                        Some(name) if bare && names_file(arg, &value.to_string_lossy(), Path::new("")) => {
+                            name.to_string_lossy().into_owned()
+                        }
+                        _ => value.to_string_lossy().into_owned(),
+                    };
+                    let values: Vec<String> = raw.map(|value| toml_value(arg, &word(value))).collect();
                     if is_list(arg) { format!("[{}]", values.join(", ")) } else { values.concat() }
                 })
             };
@@ -301,10 +308,10 @@ fn toml_value(arg: &Arg, word: &str) -> String {
 }
 
 /// The options that shape the result, those that nobody said included, as TOML without comments: the same options give the same text.
-/// It says nothing about names of files that are written, nor about how is told what was done.
+/// It says nothing about names of files that are written, nor about how is told what was done, and names files that are read without folders.
 pub(super) fn effective(command: &Command, matches: &ArgMatches) -> String {
     let mut out = String::new();
-    for entry in entries(command, matches).iter().filter(|entry| !entry.idle && !TELLING.contains(&entry.key)) {
+    for entry in entries(command, matches, true).iter().filter(|entry| !entry.idle && !TELLING.contains(&entry.key)) {
         if let Some(value) = &entry.value {
             let _ = writeln!(out, "{} = {value}", entry.key); // a String takes everything
         }
@@ -320,7 +327,7 @@ pub(super) fn commented(command: &Command, matches: &ArgMatches) -> String {
         command.get_name(),
         command.get_version().unwrap_or_default()
     );
-    for Entry { key, arg, value, idle } in entries(command, matches) {
+    for Entry { key, arg, value, idle } in entries(command, matches, false) {
         let help = arg.get_help().map(ToString::to_string).unwrap_or_default();
         let possible: Vec<String> = arg.get_possible_values().iter().map(|value| value.get_name().to_owned()).collect();
         let one_of = if possible.is_empty() || kind(arg) == Some(Kind::Switch) {
