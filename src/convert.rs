@@ -54,7 +54,8 @@ pub struct Converted {
 /// # Errors
 /// The take cannot be read or written so, or the way up is not known. Then no file was written.
 pub fn convert(wanted: &Conversion) -> Result<Converted, RepairError> {
-    Names { input: &wanted.input, output: &wanted.output, beside: Vec::new(), in_place: false, force: wanted.force }.check()?;
+    Names { input: &wanted.input, output: &wanted.output, reads: vec![], beside: Vec::new(), in_place: false, force: wanted.force }
+        .check()?;
     let opened = open(&wanted.input, &wanted.reading)?;
     let take = changed(wanted, &opened)?;
     let same = unchanged(wanted, &opened, &take)?;

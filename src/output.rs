@@ -118,6 +118,8 @@ pub struct Names<'a> {
     pub input: &'a Path,
     /// The take that is written.
     pub output: &'a Path,
+    /// Other files that are read, and must not be replaced either.
+    pub reads: Vec<&'a Path>,
     /// Log, table, and whatever else.
     pub beside: Vec<&'a Path>,
     /// The output is the input's own name.
@@ -169,6 +171,9 @@ impl Names<'_> {
         for (at, name) in names.iter().enumerate() {
             if staging::same_file(name, self.input) {
                 return stop(name, "is the input itself; give another name");
+            }
+            if self.reads.iter().any(|read| staging::same_file(name, read)) {
+                return stop(name, "is read as well; give another name");
             }
             if names[..at].iter().any(|other| staging::same_file(other, name)) {
                 return stop(name, "is named for two different files; give different names");

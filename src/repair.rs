@@ -68,6 +68,8 @@ pub struct Request {
     pub markers: Vec<String>,
     /// What the user states about the file.
     pub reading: Reading,
+    /// Other files that are read, such as tables: none of them may be replaced.
+    pub reads: Vec<PathBuf>,
     /// The options that shape the result, those that nobody said included, as the TOML that `--config` reads: for the records.
     pub config: String,
     /// What becomes of suspect samples.
@@ -416,7 +418,8 @@ impl Request {
     /// The files to write.
     fn names(&self) -> Names<'_> {
         let beside = [&self.log, &self.fills, &self.page].into_iter().filter_map(|path| path.as_deref()).collect();
-        Names { input: &self.input, output: &self.output, beside, in_place: self.in_place, force: self.force }
+        let reads = self.reads.iter().map(PathBuf::as_path).collect();
+        Names { input: &self.input, reads, output: &self.output, beside, in_place: self.in_place, force: self.force }
     }
 
     /// True if bones are to keep their lengths exactly.

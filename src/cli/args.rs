@@ -410,6 +410,13 @@ impl RepairArgs {
     }
 
     /// All but [`Request::config`], which only the whole command line knows.
+    /// Files that are read besides the take.
+    fn reads(&self) -> Vec<PathBuf> {
+        let bones = self.bones.iter().filter_map(|b| if let BonesArg::File(path) = b { Some(path.clone()) } else { None });
+        let tables = self.stated.missing.missing.iter().map(PathBuf::from).filter(|path| missing::names_table(path));
+        bones.chain(tables).chain(self.config.clone()).collect()
+    }
+
     pub fn request(&self) -> Request {
         let mut input = self.inputs.first().cloned().unwrap_or_default();
         if self.in_place {
@@ -444,6 +451,7 @@ impl RepairArgs {
             markers: self.markers.clone(),
             reading: Reading { float: self.float, ..self.stated.reading() },
             config: String::new(),
+            reads: self.reads(),
             outliers: match (self.drop_outliers, self.ignore_outliers) {
                 (true, _) => Treatment::Dropped,
                 (false, true) => Treatment::Ignored,

@@ -52,7 +52,7 @@ pub fn attachment(path: &Path, name: &str) -> Result<Vec<u8>, LogReadError> {
 /// # Errors
 /// The log has none, or the file cannot be written.
 pub fn extract_layout(log: &Path, output: &Path, force: bool) -> Result<(), RepairError> {
-    Names { input: log, output, beside: vec![], in_place: false, force }.check_beside()?;
+    Names { input: log, output, reads: vec![], beside: vec![], in_place: false, force }.check_beside()?;
     let bytes = attachment(log, layout::NAME).map_err(|error| RepairError::Log { path: log.to_owned(), error })?;
     let written = staging::beside(output).and_then(|mut file| {
         file.write_all(&bytes)?;

@@ -16,7 +16,7 @@ use std::path::Path;
 /// # Errors
 /// The log is none, or the file cannot be written.
 pub fn report_of_log(log: &Path, output: &Path, force: bool) -> Result<(), RepairError> {
-    Names { input: log, output, beside: vec![], in_place: false, force }.check_beside()?;
+    Names { input: log, output, reads: vec![], beside: vec![], in_place: false, force }.check_beside()?;
     let page = Page::of_log(log).map_err(|error| RepairError::Log { path: log.to_owned(), error })?;
     page.stage(output).and_then(|file| staging::publish(file, output)).map_err(|e| unwritable(output, &e))
 }

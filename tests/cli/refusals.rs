@@ -220,3 +220,17 @@ fn a_pipe_is_not_replaced_even_by_force() {
     assert!(ran.err.contains("out.c3d: is a device or a pipe, which a file cannot take the place of"), "{}", ran.err);
     assert!(!std::fs::metadata(&pipe).unwrap().is_file());
 }
+
+#[test]
+fn what_is_read_is_not_replaced_even_by_force() {
+    let lab = Lab::new();
+    lab.write("bones.csv", "LKNE,LANK\n");
+    lab.write("lab.toml", "method = \"linear\"\n");
+    lab.write("holes.csv", "marker,frame\nLKNE,20\n");
+    let before = lab.listing();
+    for (option, file) in [("--bones", "bones.csv"), ("--config", "lab.toml"), ("--missing", "holes.csv")] {
+        let ran = lab.run(&["walk-gaps.c3d", "-o", "walk.c3d", option, file, "--fills", file, "--force"]);
+        assert_eq!((ran.code, ran.err), (1, format!("mocap-repair: {file}: is read as well; give another name\n")), "{option}");
+    }
+    assert_eq!(lab.listing(), before);
+}

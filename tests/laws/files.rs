@@ -53,6 +53,7 @@ fn run_stated(bytes: &[u8], extension: &str, method: Method, stated: Stated) -> 
         policy: Policy::default(),
         markers: Vec::new(),
         reading: stated.into(),
+        reads: Vec::new(),
         config: String::new(),
         outliers: Treatment::Told,
     };
