@@ -39,6 +39,9 @@ use witness::Witness;
 /// A take with fewer frames than this is not looked at: it cannot show what is usual.
 const LEAST_FRAMES: usize = 12;
 
+/// A take with more markers than this is not looked at: every pair of them would be, and no body has so many.
+const MOST_MARKERS: usize = 1500;
+
 /// Suspects blind their partners, so a marker is looked at once more without them, at most so often.
 const ROUNDS: usize = 2;
 
@@ -124,6 +127,9 @@ pub fn find(take: &Take, bones: &[Bone]) -> Vec<Suspect> {
         return Vec::new();
     }
     let tracks = Tracks::new(take);
+    if tracks.len() > MOST_MARKERS {
+        return Vec::new();
+    }
     let witness = Witness::new(&tracks, bones);
     let mut found = Found::default();
     let everyone: Vec<usize> = (0..tracks.len()).collect();

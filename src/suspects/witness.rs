@@ -8,6 +8,7 @@ use super::tracks::{Point, Tracks, distance, length, minus, quantile};
 use super::turn::Pairs;
 use crate::solve::Bone;
 use nalgebra::Vector3;
+use std::collections::BTreeSet;
 
 /// Each marker has at most this many partners: enough to do without a few that are hidden or wrong themselves.
 const PARTNERS: usize = 7;
@@ -53,6 +54,7 @@ impl<'a> Witness<'a> {
     /// Chooses partners. Bones come before other pairs of the same spread.
     pub fn new(tracks: &'a Tracks, bones: &[Bone]) -> Self {
         let count = tracks.len();
+        let stated: BTreeSet<(usize, usize)> = bones.iter().map(|bone| (bone.a.min(bone.b), bone.a.max(bone.b))).collect();
         // many markers, fewer frames: this must not take longer than looking at the paths
         let wanted = (LOOKED_AT * 120 / count.max(120)).max(40);
         let stride = (tracks.frames / wanted).max(1);
@@ -75,7 +77,8 @@ impl<'a> Witness<'a> {
                 if middle > FARTHEST_MM || spread > LOOSEST_MM {
                     continue;
                 }
-                let is_bone = bones.iter().any(|x| [(x.a, x.b), (x.b, x.a)].contains(&(tracks.columns[a], tracks.columns[b])));
+                // columns rise with paths
+                let is_bone = stated.contains(&(tracks.columns[a], tracks.columns[b]));
                 let cost = (spread + DISTANCE_COST * middle) * if is_bone { 0.5 } else { 1.0 };
                 pairs[a].push((cost, b, spread));
                 pairs[b].push((cost, a, spread));
