@@ -87,7 +87,8 @@ def main():
         rest = told[told.rindex("walk-gaps.c3d"):]
         check(f"{columns} columns: the summary is the last that is there", "expected" in rest and "█" not in rest, rest)
 
-    _, told = at_terminal(80, repair + ["--method", "bolero-sc"], folder)
+    # long enough to be seen: what ends within a few redraws shows nothing of its steps
+    _, told = at_terminal(80, repair + ["--method", "bolero-sc", "--hidden", "32", "--tolerance", "1e-15"], folder)
     check("EM tells its likelihood", "log-likelihood" in told, told)
     _, told = at_terminal(80, repair, folder, NO_COLOR="1")
     check("NO_COLOR: progress without colours", "█" in told and not COLOUR.search(told), told)
