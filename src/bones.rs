@@ -4,7 +4,7 @@
 //! Spread and length are robust: a label that jumps to another marker for a while must not hide a bone, nor invent one.
 
 use crate::solve::{Bone, forest};
-use formats::{Role, Take};
+use formats::{Origin, Role, Take};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -80,12 +80,23 @@ pub fn find(take: &Take, include: &[bool]) -> Vec<Bone> {
     bones
 }
 
+/// How long a bone is in one frame, mm; `None` if an end is missing.
+pub(crate) fn length_mm(take: &Take, bone: &Bone, frame: usize) -> Option<f64> {
+    Some(distance(take.position_mm(frame, bone.a)?, take.position_mm(frame, bone.b)?))
+}
+
+/// True if an end of the bone was filled in this frame.
+pub(crate) fn is_filled(take: &Take, bone: &Bone, frame: usize) -> bool {
+    [bone.a, bone.b].iter().any(|&end| take.origin(frame, end) == Origin::Repaired)
+}
+
 /// Length and spread (mm) of one pair over all frames in which both are seen; `None` if those are too few.
 pub fn measure(take: &Take, a: usize, b: usize) -> Option<(f64, f64)> {
     spread((0..take.frames()).filter_map(|f| Some(distance(take.position_mm(f, a)?, take.position_mm(f, b)?))).collect())
 }
 
-fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+/// How far two places are apart, in their own unit.
+pub(crate) fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
 }
 

@@ -1,29 +1,16 @@
 //! Gaps: maximal runs of missing samples, and the decision which of them are filled.
 
+use crate::runs::runs;
 use crate::solve::Gap;
 use formats::{Origin, Role, Take};
 
 /// All gaps of the take's markers (model outputs have none), marker by marker.
 pub fn gaps(take: &Take) -> Vec<Gap> {
-    let mut found = Vec::new();
-    for (marker, column) in take.markers.iter().enumerate() {
-        if column.role != Role::Marker {
-            continue;
-        }
-        let mut start = None;
-        for frame in 0..=take.frames() {
-            let missing = frame < take.frames() && take.origin(frame, marker) == Origin::Missing;
-            match (missing, start) {
-                (true, None) => start = Some(frame),
-                (false, Some(from)) => {
-                    found.push(Gap { marker, start: from, end: frame });
-                    start = None;
-                }
-                _ => {}
-            }
-        }
-    }
-    found
+    let of = |marker| {
+        let missing = move |frame| take.origin(frame, marker) == Origin::Missing;
+        runs(take.frames(), missing).into_iter().map(move |(start, end)| Gap { marker, start, end })
+    };
+    (0..take.markers.len()).filter(|&marker| take.markers[marker].role == Role::Marker).flat_map(of).collect()
 }
 
 /// Why a gap stays open.

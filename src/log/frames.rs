@@ -6,6 +6,7 @@ use super::schema::foxglove::PointCloud;
 use super::schema::marker_states::State;
 use super::schema::{BoneLengths, MarkerStates, bone_lengths, marker_states};
 use super::{cloud, skeleton};
+use crate::bones::distance;
 use crate::fills::Filled;
 use crate::solve::Bone;
 use formats::{Origin, Role, Take};
@@ -186,7 +187,7 @@ fn put_lengths(lengths: &mut BoneLengths, look: &Look<'_>, bones: &[Bone]) {
         let [a, b] = look.ends(bone).map_or([None; 2], |ends| ends.map(|place| Some(&look.samples[place])));
         let place = |sample: Option<&Sample>| sample.and_then(|s| s.position_mm);
         told.value = match (place(a), place(b)) {
-            (Some(a), Some(b)) => (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt(),
+            (Some(a), Some(b)) => distance(a, b),
             _ => f64::NAN,
         };
         told.error_mm = told.value - bone.length_mm;

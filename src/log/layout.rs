@@ -8,6 +8,7 @@ use super::mcap::{About, Attachment};
 use super::metadata::Stage;
 use super::names::{self, unique};
 use super::{FRAME_ID, ROOM_ID, Shown, axes, frames};
+use crate::bones;
 use formats::Origin;
 use serde_json::{Value, json};
 
@@ -27,10 +28,18 @@ pub(super) fn attachment(about: &About, shown: &Shown<'_>, stages: &[Stage]) -> 
 }
 
 fn layout(about: &About, shown: &Shown<'_>, stages: &[Stage]) -> Value {
+    let worst = worst_bones(shown);
+    let iterations = format!("{}.iteration_of_log", Channel::Likelihood.topic());
     let mut panels = vec![
         ("3D!take".to_owned(), space(about, shown)),
-        ("Plot!residuals".to_owned(), titled("Bone residuals in filled frames, mm", residuals(shown))),
-        ("Plot!lengths".to_owned(), titled("Bone lengths minus their means, mm", lengths(shown))),
+        (
+            "Plot!residuals".to_owned(),
+            titled("Bone residuals in filled frames, mm", plot(Some(&iterations), &of_bones(Channel::BoneResiduals, "value", &worst))),
+        ),
+        (
+            "Plot!lengths".to_owned(),
+            titled("Bone lengths minus their means, mm", plot(None, &of_bones(Channel::BoneLengths, "error_mm", &worst))),
+        ),
         ("StateTransitions!markers".to_owned(), titled("Markers: observed, filled, missing", states(shown))),
         ("RosOut!log".to_owned(), titled("Log", json!({ "topicToRender": Channel::Log.topic(), "searchTerms": [], "minLogLevel": 1 }))),
         (
@@ -103,9 +112,10 @@ fn space(about: &About, shown: &Shown<'_>) -> Value {
 fn extent(about: &About, shown: &Shown<'_>) -> ([f64; 3], f64) {
     let take = shown.repaired.unwrap_or(shown.raw);
     let stride = take.frames().div_ceil(300).max(1);
+    let columns = frames::columns(take);
     let mut sides: [Vec<f64>; 3] = Default::default();
     for frame in (0..take.frames()).step_by(stride) {
-        for &column in &frames::columns(take) {
+        for &column in &columns {
             for (side, x) in sides.iter_mut().zip(take.position_mm(frame, column).into_iter().flatten()) {
                 side.push(x * 1e-3);
             }
@@ -163,26 +173,13 @@ fn likelihoods(stages: &[Stage]) -> Vec<(String, Value)> {
         .collect()
 }
 
-fn residuals(shown: &Shown<'_>) -> Value {
-    let labels = names::bones(shown.raw, shown.bones);
-    let curves: Vec<Value> = worst_bones(shown)
-        .into_iter()
-        .map(|bone| curve(&format!("{}.bones[{bone}].value", Channel::BoneResiduals.topic()), &labels[bone]))
-        .collect();
-    plot(Some(&format!("{}.iteration_of_log", Channel::Likelihood.topic())), &curves)
+/// One curve of `field` on `channel` for each of these bones.
+fn of_bones(channel: Channel, field: &str, bones: &[(usize, String)]) -> Vec<Value> {
+    bones.iter().map(|(bone, label)| curve(&format!("{}.bones[{bone}].{field}", channel.topic()), label)).collect()
 }
 
-fn lengths(shown: &Shown<'_>) -> Value {
-    let labels = names::bones(shown.raw, shown.bones);
-    let curves: Vec<Value> = worst_bones(shown)
-        .into_iter()
-        .map(|bone| curve(&format!("{}.bones[{bone}].error_mm", Channel::BoneLengths.topic()), &labels[bone]))
-        .collect();
-    plot(None, &curves)
-}
-
-/// The bones that are farthest from their lengths in filled frames, worst first; if nothing was filled, those that vary most.
-fn worst_bones(shown: &Shown<'_>) -> Vec<usize> {
+/// The bones that are farthest from their lengths in filled frames, worst first; if nothing was filled, those that vary most. With their labels.
+fn worst_bones(shown: &Shown<'_>) -> Vec<(usize, String)> {
     let take = shown.repaired.unwrap_or(shown.raw);
     let mut order: Vec<(f64, usize)> = shown
         .bones
@@ -190,11 +187,8 @@ fn worst_bones(shown: &Shown<'_>) -> Vec<usize> {
         .enumerate()
         .map(|(at, bone)| {
             let off = (0..take.frames())
-                .filter(|&frame| [bone.a, bone.b].iter().any(|&end| take.origin(frame, end) == Origin::Repaired))
-                .filter_map(|frame| {
-                    let (a, b) = (take.position_mm(frame, bone.a)?, take.position_mm(frame, bone.b)?);
-                    Some(((0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt() - bone.length_mm).abs())
-                })
+                .filter(|&frame| bones::is_filled(take, bone, frame))
+                .filter_map(|frame| Some((bones::length_mm(take, bone, frame)? - bone.length_mm).abs()))
                 .fold(-1.0, f64::max);
             // below all that were filled
             (if off < 0.0 { bone.spread_mm - 1e9 } else { off }, at)
@@ -202,7 +196,8 @@ fn worst_bones(shown: &Shown<'_>) -> Vec<usize> {
         .collect();
     order.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
     order.truncate(MOST_CURVES);
-    order.into_iter().map(|(_, at)| at).collect()
+    let labels = names::bones(shown.raw, shown.bones);
+    order.into_iter().map(|(_, at)| (at, labels[at].clone())).collect()
 }
 
 /// The markers that were filled or are missing, most frames first; a take without gaps shows its first markers.

@@ -3,6 +3,7 @@
 mod json;
 mod text;
 
+use crate::bones;
 use crate::explain::Part;
 use crate::fills::Filled;
 use crate::gaps::Open;
@@ -10,7 +11,7 @@ use crate::input::Opened;
 use crate::repair::Request;
 use crate::solve::{Bone, Gap, Stage};
 use crate::suspects::SuspectReport;
-use formats::{Note, Origin, Take};
+use formats::{Note, Take};
 use serde::Serialize;
 use std::path::PathBuf;
 
@@ -212,17 +213,16 @@ impl Report {
     }
 
     /// Measures the bones of the repaired take. `hard`: they were to keep their lengths.
-    pub fn judge_bones(&mut self, bones: &[Bone], take: &Take, hard: bool) {
+    pub fn judge_bones(&mut self, all: &[Bone], take: &Take, hard: bool) {
         let (mut sum, mut count, mut worst) = (0.0, 0usize, (0.0f64, None));
         let (mut measured_sum, mut measured_count) = (0.0, 0usize);
         let mut unmet = Unmet::default();
         let mut broken = vec![false; take.frames()];
-        for bone in bones {
+        for bone in all {
             for (frame, broken) in broken.iter_mut().enumerate() {
-                let (Some(a), Some(b)) = (take.position_mm(frame, bone.a), take.position_mm(frame, bone.b)) else { continue };
-                let length = (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
-                let off = (length - bone.length_mm).abs();
-                if [bone.a, bone.b].iter().any(|&m| take.origin(frame, m) == Origin::Repaired) {
+                let Some(length_mm) = bones::length_mm(take, bone, frame) else { continue };
+                let off = (length_mm - bone.length_mm).abs();
+                if bones::is_filled(take, bone, frame) {
                     sum += off * off;
                     count += 1;
                     if off > Unmet::LEAST_MM {

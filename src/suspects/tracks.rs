@@ -1,5 +1,6 @@
 //! The take marker by marker, which is how paths are followed, and a little arithmetic of points.
 
+use crate::runs::runs;
 use formats::{Role, Take};
 
 /// A position in mm.
@@ -64,19 +65,7 @@ impl Tracks {
 
     /// Maximal runs of seen frames of a marker, half-open.
     pub fn seen(&self, marker: usize) -> Vec<(usize, usize)> {
-        let mut runs = Vec::new();
-        let mut start = None;
-        for frame in 0..=self.frames {
-            match (self.at(marker, frame).is_some(), start) {
-                (true, None) => start = Some(frame),
-                (false, Some(from)) => {
-                    runs.push((from, frame));
-                    start = None;
-                }
-                _ => {}
-            }
-        }
-        runs
+        runs(self.frames, |frame| self.at(marker, frame).is_some())
     }
 
     /// At least one frame, at most `secs`.

@@ -74,7 +74,8 @@ def main():
     program, folder = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
     shutil.rmtree(folder, ignore_errors=True)
     os.makedirs(folder)
-    subprocess.run([program, "demo", "-o", ".", "--frames", "900"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    # long enough to be seen, on a quick machine too: what ends within a few redraws shows nothing of its steps
+    subprocess.run([program, "demo", "-o", ".", "--frames", "2400"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
     repair = [program, "walk-gaps.c3d", "-o", "out.c3d", "--force"]
 
     for columns in (80, 40):
@@ -87,7 +88,6 @@ def main():
         rest = told[told.rindex("walk-gaps.c3d"):]
         check(f"{columns} columns: the summary is the last that is there", "expected" in rest and "█" not in rest, rest)
 
-    # long enough to be seen: what ends within a few redraws shows nothing of its steps
     _, told = at_terminal(80, repair + ["--method", "bolero-sc", "--hidden", "32", "--tolerance", "1e-15"], folder)
     check("EM tells its likelihood", "log-likelihood" in told, told)
     _, told = at_terminal(80, repair, folder, NO_COLOR="1")

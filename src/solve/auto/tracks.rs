@@ -1,5 +1,6 @@
 //! The table that experts read: every sample seen or filled, and how rigidly markers hang together.
 
+use crate::runs::runs;
 use crate::solve::{Gap, Problem, forest};
 
 /// A marker that was seen in fewer frames than this is not filled and helps nobody.
@@ -108,22 +109,11 @@ impl Tracks {
 
     /// The gaps of the markers that take part, marker by marker, without samples that are `left_out`.
     pub fn gaps(&self, left_out: impl Fn(usize, usize) -> bool) -> Vec<Gap> {
-        let mut gaps = Vec::new();
-        for marker in (0..self.markers).filter(|&i| self.live[i]) {
-            let mut start = None;
-            for t in 0..=self.frames {
-                let missing = t < self.frames && !self.seen(t, marker) && !left_out(t, marker);
-                match (missing, start) {
-                    (true, None) => start = Some(t),
-                    (false, Some(from)) => {
-                        gaps.push(Gap { marker, start: from, end: t });
-                        start = None;
-                    }
-                    _ => {}
-                }
-            }
-        }
-        gaps
+        let of = |marker| {
+            let missing = |t| !self.seen(t, marker) && !left_out(t, marker);
+            runs(self.frames, missing).into_iter().map(move |(start, end)| Gap { marker, start, end })
+        };
+        (0..self.markers).filter(|&i| self.live[i]).flat_map(of).collect()
     }
 }
 
