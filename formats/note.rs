@@ -218,13 +218,18 @@ impl Note {
 /// Text as it can be printed in one line: control characters, with which a damaged file could take over a terminal, become escapes.
 pub fn printable(text: &str) -> String {
     text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
-        if c.is_control() {
+        if c.is_control() || turns_text(c) {
             out.extend(c.escape_default());
         } else {
             out.push(c);
         }
         out
     })
+}
+
+/// Characters without a shape that change the order or the lines of the text around them.
+fn turns_text(c: char) -> bool {
+    matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}' | '\u{2029}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' | '\u{feff}')
 }
 
 impl std::fmt::Display for Note {
@@ -354,6 +359,12 @@ mod tests {
         assert!(!note(4.9).matters() && note(4.9).to_string().contains("nearly but not quite"));
         let far = "3 filled positions could not be put into the file, because its bones are rigid and known joints stay; the worst is 5.000 mm off";
         assert_eq!((note(5.0).matters(), note(5.0).to_string()), (true, far.to_owned()));
+    }
+
+    #[test]
+    fn nothing_in_a_text_can_move_the_text_around_it() {
+        assert_eq!(printable("L\u{202e}KNE\u{2066}\u{1b}[2J\u{2028}"), "L\\u{202e}KNE\\u{2066}\\u{1b}[2J\\u{2028}");
+        assert_eq!(printable("膝 ÄÖ é"), "膝 ÄÖ é");
     }
 
     #[test]

@@ -10,6 +10,11 @@ static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 static INTERRUPTED: AtomicBool = AtomicBool::new(false);
 
 fn main() -> ExitCode {
+    ExitCode::from(mocap_repair::cli::main(&INTERRUPTED, heed))
+}
+
+/// To be called by work that ends in an orderly way when [`INTERRUPTED`] says so; anything else ends where it is.
+fn heed() {
     // The first interrupt ends the work in an orderly way, the second one at once. Without the handler an interrupt ends it at once,
     // which harms nothing either: nothing has its final name before it is whole.
     let _ = ctrlc::set_handler(|| {
@@ -17,5 +22,4 @@ fn main() -> ExitCode {
             std::process::exit(130);
         }
     });
-    ExitCode::from(mocap_repair::cli::main(&INTERRUPTED))
 }

@@ -190,6 +190,8 @@ impl Names<'_> {
             if !staging::folder(name).is_dir() {
                 return stop(name, "its folder does not exist; make it first");
             }
+            // found out now rather than after an hour's work
+            staging::probe(name).map_err(|e| unwritable(name, &e))?;
         }
         Ok(())
     }

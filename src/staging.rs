@@ -30,6 +30,14 @@ pub fn beside(path: &Path) -> io::Result<NamedTempFile> {
     builder.tempfile_in(folder(path))
 }
 
+/// Makes sure that a file can be made in the folder of `path`, by making one and removing it.
+///
+/// # Errors
+/// The folder cannot be written to.
+pub fn probe(path: &Path) -> io::Result<()> {
+    tempfile::Builder::new().prefix(".mocap-repair.").suffix(".probe").tempfile_in(folder(path)).map(drop)
+}
+
 /// True if something has this name, be it a link that leads nowhere.
 pub fn is_there(path: &Path) -> bool {
     path.exists() || path.is_symlink()

@@ -187,6 +187,9 @@ fn words(text: &str) -> impl Iterator<Item = &str> {
     })
 }
 
+/// No name in a table is cut to less.
+const LEAST_NAME: usize = 12;
+
 /// Stand on the line of their number.
 const UNITS: [&str; 5] = ["mm", "m", "s", "%", "Hz"];
 
@@ -209,9 +212,11 @@ pub fn cut(text: &str, width: usize, ascii: bool) -> String {
     kept
 }
 
-/// A table with its titles: the first column left, the others right. Columns that are too many for `width` are left out, as `dispensable` orders them.
-pub fn table(titles: &[&str], rows: &[Vec<String>], width: usize, dispensable: &[usize]) -> Vec<String> {
-    let widths: Vec<usize> =
+/// A table with its titles: the first column left, the others right. Columns that are too many are left out, as `dispensable` orders them;
+/// then what stands in the first one is cut.
+pub fn table(titles: &[&str], rows: &[Vec<String>], style: &Style, dispensable: &[usize]) -> Vec<String> {
+    let width = style.text_columns();
+    let mut widths: Vec<usize> =
         (0..titles.len()).map(|c| rows.iter().map(|row| columns(&row[c])).chain([columns(titles[c])]).max().unwrap_or(0)).collect();
     let mut kept: Vec<usize> = (0..titles.len()).collect();
     let needed = |kept: &[usize]| kept.iter().map(|&c| widths[c] + 2).sum::<usize>();
@@ -220,10 +225,11 @@ pub fn table(titles: &[&str], rows: &[Vec<String>], width: usize, dispensable: &
             kept.retain(|&c| c != column);
         }
     }
+    widths[0] = widths[0].saturating_sub(needed(&kept).saturating_sub(width)).max(LEAST_NAME.min(widths[0]));
     let set = |cells: &dyn Fn(usize) -> String| {
         let mut line = String::new();
         for &c in &kept {
-            let cell = cells(c);
+            let cell = cut(&cells(c), widths[c], style.ascii);
             let blank = " ".repeat(widths[c].saturating_sub(columns(&cell)));
             line.push_str("  ");
             line.push_str(&if c == 0 { cell + &blank } else { blank + &cell });
@@ -300,7 +306,16 @@ mod tests {
     fn tables_leave_out_what_does_not_fit() {
         let rows = [vec!["LKNE".to_owned(), "3".to_owned(), "120".to_owned()]];
         let titles = ["marker", "gaps", "samples"];
-        assert_eq!(table(&titles, &rows, 80, &[1]), ["  marker  gaps  samples", "  LKNE       3      120"]);
-        assert_eq!(table(&titles, &rows, 20, &[1]), ["  marker  samples", "  LKNE        120"]);
+        let at = |columns| Style { columns, ..Style::plain() };
+        assert_eq!(table(&titles, &rows, &at(80), &[1]), ["  marker  gaps  samples", "  LKNE       3      120"]);
+        let rows = [vec!["LKNE_of_the_second_subject".to_owned(), "3".to_owned(), "120".to_owned()]];
+        assert_eq!(
+            table(&titles, &rows, &at(40), &[1]),
+            ["  marker                      samples", "  LKNE_of_the_second_subject      120"]
+        );
+        assert_eq!(
+            table(&titles, &rows, &at(40), &[]),
+            ["  marker                   gaps  samples", "  LKNE_of_the_second_sub…     3      120"]
+        );
     }
 }

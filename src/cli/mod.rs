@@ -126,14 +126,15 @@ enum Command {
 }
 
 /// Parses the command line, does what it says and returns the exit code.
-pub fn main(interrupt: &AtomicBool) -> u8 {
-    match run(interrupt) {
+/// `heed` is called before work that looks at `interrupt`: from then on an interrupt must do no more than set it.
+pub fn main(interrupt: &AtomicBool, heed: fn()) -> u8 {
+    match run(interrupt, heed) {
         0 if LOST.load(Ordering::Relaxed) => 1,
         code => code,
     }
 }
 
-fn run(interrupt: &AtomicBool) -> u8 {
+fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
     let words: Vec<OsString> = std::env::args_os().collect();
     let (cli, matches) = match parse(&words) {
         Ok(parsed) => parsed,
@@ -165,7 +166,10 @@ fn run(interrupt: &AtomicBool) -> u8 {
             0
         }
         Some(Command::Man { output, force }) => manual(output.as_deref(), force),
-        None => run_repair(&cli.repair, &matches, interrupt),
+        None => {
+            heed();
+            run_repair(&cli.repair, &matches, interrupt)
+        }
     }
 }
 

@@ -106,7 +106,7 @@ impl Inspection {
         let cells = |g: &&super::GapLine| vec![g.marker.clone(), g.first_frame.to_string(), g.last_frame.to_string(), g.frames.to_string()];
         let rows: Vec<Vec<String>> = gaps[..shown].iter().map(cells).collect();
         let title = if all { "gap of" } else { "longest gaps" };
-        let mut out = titled(&table(&[title, "first", "last", "frames"], &rows, style.text_columns(), &[]), style);
+        let mut out = titled(&table(&[title, "first", "last", "frames"], &rows, style, &[]), style);
         if gaps.len() > shown {
             let more = format!("  and {} more (--all lists them)", count(gaps.len() - shown, "gap"));
             out.push_str(&style.toned(Tone::Quiet, &more));
@@ -124,7 +124,7 @@ impl Inspection {
         if all {
             let cells =
                 self.bones.iter().map(|b| vec![format!("{}-{}", b.a, b.b), format!("{:.1}", b.length_mm), format!("{:.2}", b.spread_mm)]);
-            return titled(&table(&["bone", "length mm", "spread mm"], &cells.collect::<Vec<_>>(), style.text_columns(), &[]), style);
+            return titled(&table(&["bone", "length mm", "spread mm"], &cells.collect::<Vec<_>>(), style, &[]), style);
         }
         let median = median.copied().unwrap_or_default();
         let said = format!(

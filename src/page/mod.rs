@@ -67,6 +67,8 @@ pub struct Suspect {
     pub text: String,
     /// True if the samples were taken for missing.
     pub dropped: bool,
+    /// True if nothing was filled from the samples.
+    pub ignored: bool,
 }
 
 /// Everything that is shown, wherever it comes from.
@@ -136,20 +138,21 @@ impl Page {
                 Gap { open: told.open, sigma_mm: told.worst_sigma_mm, explanation: told.explanation, ..found }
             })
             .collect();
-        let labels = &self.take.markers;
-        let index = |label: &str| labels.iter().position(|l| l == label).map(|m| m as u32);
+        let markers = self.take.markers.len();
+        let index = |column: usize| (column < markers).then_some(column as u32);
         let step = if self.take.frame_step == 0 { 1 } else { self.take.frame_step };
         let frame = |label: i64| (label.saturating_sub(self.take.first_frame) / step).clamp(0, self.take.frames as i64) as u32;
         let suspects = told.suspects.into_iter().filter_map(|s| {
             Some(Suspect {
-                marker: index(&s.marker)?,
-                other: s.with.as_deref().and_then(index),
+                marker: index(s.column)?,
+                other: s.with_column.and_then(index),
                 start: frame(s.first_frame),
                 frames: frame(s.last_frame).saturating_sub(frame(s.first_frame)) + 1,
                 kind: s.kind,
                 size_mm: s.size_mm,
                 text: s.text,
                 dropped: s.dropped,
+                ignored: s.ignored,
             })
         });
         self.suspects = suspects.collect();

@@ -11,6 +11,9 @@ use crate::staging;
 use std::collections::BTreeMap;
 use std::path::Path;
 
+/// No file counts its frames beyond this, and a browser not much farther.
+const LAST_FRAME: u64 = 1 << 48;
+
 /// Writes the page of a log into a file.
 ///
 /// # Errors
@@ -99,7 +102,11 @@ impl Gathered {
                 self.put(&places, &raw);
             }
             Told::Attachment(name, bytes) if name == DESCRIPTION => {
-                self.description = Some(serde_json::from_slice(&bytes).map_err(|e| format!("its {name}: {e}"))?);
+                let take: Description = serde_json::from_slice(&bytes).map_err(|e| format!("its {name}: {e}"))?;
+                if !(take.rate_hz.is_finite() && take.rate_hz > 0.0) || take.first_frame.unsigned_abs() > LAST_FRAME {
+                    return Err(format!("its {name} speaks of a rate or of frames that no take can have"));
+                }
+                self.description = Some(take);
             }
             Told::Attachment(name, bytes) if name == "report.jsonl" => {
                 self.report = Some(String::from_utf8(bytes).map_err(|_| format!("its {name} is not text"))?);

@@ -61,10 +61,10 @@ pub struct Share {
 pub struct Suspect {
     /// `spike`, `swap`, ...
     pub kind: String,
-    /// Label of the marker.
-    pub marker: String,
-    /// Label of the marker that it changed places with.
-    pub with: Option<String>,
+    /// Column of the marker, counted from 0.
+    pub column: usize,
+    /// Column of the marker that it changed places with.
+    pub with_column: Option<usize>,
     /// First frame, the file's number.
     pub first_frame: i64,
     /// Last frame, the file's number.
@@ -73,6 +73,8 @@ pub struct Suspect {
     pub size_mm: f64,
     /// True if its samples were made gaps.
     pub dropped: bool,
+    /// True if its samples were left as they are, but nothing was filled from them.
+    pub ignored: bool,
     /// In words.
     pub text: String,
 }

@@ -24,6 +24,8 @@ pub struct GapReport {
     pub gap: usize,
     /// Label of the marker.
     pub marker: String,
+    /// Column of the marker, counted from 0: labels may occur twice.
+    pub column: usize,
     /// First missing frame, the file's number.
     pub first_frame: i64,
     /// Last missing frame, the file's number.
@@ -39,9 +41,6 @@ pub struct GapReport {
     /// Why it was filled as it was, from methods that can say: one part for each stretch that was filled in its own way.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub explanation: Vec<Part>,
-    /// Column of the take: labels may occur twice.
-    #[serde(skip)]
-    pub(crate) column: usize,
     #[serde(skip)]
     pub(crate) why: Option<Open>,
 }

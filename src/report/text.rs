@@ -3,10 +3,13 @@
 use super::{GapReport, Report, StageReport, count, short};
 use crate::gaps::Open;
 use crate::suspects;
-use crate::typeset::{Style, Tone, table};
+use crate::typeset::{Style, Tone, cut, table};
 
 /// The table of markers has so many rows at most.
 const MOST_ROWS: usize = 12;
+
+/// Columns that a label may take; the report to look at and `--json` have the whole.
+const NAME: usize = 32;
 
 impl StageReport {
     /// In a few words: what it was, why and when it ended, and what came before.
@@ -57,6 +60,7 @@ impl Report {
     /// The report for people: at most 80 columns where single names allow it.
     pub fn text(&self, style: &Style) -> String {
         let mut out = String::new();
+        let name = |label: &str| cut(label, NAME, style.ascii);
         let mut line = |head: &str, text: String| out.push_str(&style.item(head, &text));
         let seconds = self.frames as f64 / self.rate_hz;
         let how = if self.bones_stated { "stated" } else { "found" };
@@ -81,7 +85,13 @@ impl Report {
                 line("gaps", format!("{} with {} ({share:.1} %)", self.gaps.len(), count(missing, "sample")));
                 line(
                     "longest",
-                    format!("{}: {}, {} to {}", count(longest.frames, "frame"), longest.marker, longest.first_frame, longest.last_frame),
+                    format!(
+                        "{}: {}, {} to {}",
+                        count(longest.frames, "frame"),
+                        name(&longest.marker),
+                        longest.first_frame,
+                        longest.last_frame
+                    ),
                 );
             }
         }
@@ -103,7 +113,10 @@ impl Report {
                     "bones",
                     format!(
                         "off by {:.1} mm in filled frames (measured ones: {:.1} mm), worst {:.1} mm ({})",
-                        judged.rms_mm, judged.measured_rms_mm, judged.worst_mm, judged.worst_bone
+                        judged.rms_mm,
+                        judged.measured_rms_mm,
+                        judged.worst_mm,
+                        cut(&judged.worst_bone, 2 * NAME + 1, style.ascii)
                     ),
                 );
             }
@@ -124,7 +137,7 @@ impl Report {
             let mut names: Vec<&str> = gaps.iter().map(|g| g.marker.as_str()).collect();
             names.dedup();
             let more = names.len().saturating_sub(12);
-            let shown = names.iter().take(12).copied().collect::<Vec<_>>().join(" ");
+            let shown = names.iter().take(12).map(|label| name(label)).collect::<Vec<_>>().join(" ");
             line("", if more > 0 { format!("{shown} and {more} more") } else { shown });
         }
         for note in &self.notes {
@@ -172,7 +185,7 @@ impl Report {
         let keep = |row: &[String]| row.iter().enumerate().filter(|(c, _)| !silent.contains(c)).map(|(_, cell)| cell.clone()).collect();
         let titles: Vec<&str> = titles.iter().enumerate().filter(|(c, _)| !silent.contains(c)).map(|(_, title)| *title).collect();
         let kept: Vec<Vec<String>> = cells.iter().map(|row| keep(row)).collect();
-        let lines = table(&titles, &kept, style.text_columns(), &[2, 1]);
+        let lines = table(&titles, &kept, style, &[2, 1]);
         let mut out = String::from("\n");
         for (at, line) in lines.iter().enumerate() {
             let tone = match at.checked_sub(1).map(|row| rows[row].open) {

@@ -18,6 +18,11 @@ pub struct SuspectReport {
     /// Label of the marker that it changed places with; of swaps only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub with: Option<String>,
+    /// Column of the marker, counted from 0: labels may occur twice.
+    pub column: usize,
+    /// Column of the one that it changed places with; of swaps only.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub with_column: Option<usize>,
     /// First frame, the file's number.
     pub first_frame: i64,
     /// Last frame, the file's number.
@@ -44,6 +49,8 @@ impl SuspectReport {
             kind: s.kind.word(),
             marker: take.display_label(s.marker),
             with: s.with.map(|with| take.display_label(with)),
+            column: s.marker,
+            with_column: s.with,
             first_frame: take.frame_label(s.start),
             last_frame: take.frame_label(s.end.saturating_sub(1)),
             samples: s.samples(take).count(),

@@ -52,6 +52,29 @@ fn a_killed_run_leaves_no_output() {
     lab.run(&["walk-gaps.c3d", "-o", "out.c3d", "--method", "linear"]).with_code(0);
 }
 
+#[test]
+fn an_interrupt_ends_at_once_what_has_nothing_to_bring_home() {
+    use std::os::unix::process::ExitStatusExt;
+    let lab = long_take();
+    // a pipe that nobody writes to is waited for, for ever
+    assert!(Command::new("mkfifo").arg(lab.path("never.c3d")).status().unwrap().success());
+    for arguments in [&["inspect", "never.c3d"][..], &["bones", "never.c3d"], &["convert", "never.c3d", "-o", "out.csv"]] {
+        let mut child = start(&lab, arguments);
+        std::thread::sleep(Duration::from_millis(300));
+        assert!(child.try_wait().unwrap().is_none(), "{arguments:?} did not wait");
+        assert!(Command::new("sh").args(["-c", &format!("kill -INT {}", child.id())]).status().unwrap().success());
+        let begun = Instant::now();
+        let status = loop {
+            match child.try_wait().unwrap() {
+                Some(status) => break status,
+                None if begun.elapsed() > Duration::from_secs(30) => panic!("{arguments:?} goes on"),
+                None => std::thread::sleep(Duration::from_millis(5)),
+            }
+        };
+        assert_eq!(status.signal(), Some(2), "{arguments:?}");
+    }
+}
+
 /// Interrupts a long run in the middle of its work.
 #[track_caller]
 fn interrupt(lab: &Lab, signal: &str, arguments: &[&str]) -> String {

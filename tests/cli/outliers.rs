@@ -50,6 +50,20 @@ fn wrong(take: &Take) -> Vec<(usize, usize)> {
 }
 
 #[test]
+fn suspects_of_markers_with_one_label_are_told_apart() {
+    let (lab, truth) = odd();
+    let mut twins = lab.take("odd.c3d");
+    // the first marker gets the label of the one with the spike, which is another column
+    let column = column(&truth, SPIKE.0);
+    assert_ne!(column, 0);
+    twins.markers[0].label = twins.markers[column].label.clone();
+    lab.create("twins.c3d", &twins);
+    let ran = lab.run(&["twins.c3d", "-o", "out.c3d", "--json", "--report", "out.html"]);
+    let spikes: Vec<_> = ran.messages().into_iter().filter(|m| m["message_type"] == "suspect" && m["kind"] == "spike").collect();
+    assert_eq!(spikes.iter().map(|m| m["column"].as_u64()).collect::<Vec<_>>(), [Some(column as u64)], "{ran:?}");
+}
+
+#[test]
 fn suspects_are_told_and_nothing_is_changed() {
     let (lab, truth) = odd();
     let before = lab.read("odd.c3d");

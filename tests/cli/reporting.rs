@@ -96,6 +96,12 @@ fn a_report_that_cannot_be_written_keeps_everything_from_being_written() {
         assert_eq!((ran.code, ran.err.trim_end()), (1, format!("mocap-repair: {told}").as_str()), "{report}");
         assert!(lab.new_since(&before).is_empty(), "{report}");
     }
+    #[cfg(target_os = "linux")]
+    {
+        // a folder that even an administrator cannot make files in
+        let ran = lab.run(&["walk-gaps.c3d", "-o", "out.c3d", "--report", "/proc/out.html"]);
+        assert!(ran.code == 1 && ran.err.starts_with("mocap-repair: /proc/out.html: cannot be written: "), "{ran:?}");
+    }
     let dry = lab.run(&["walk-gaps.c3d", "-o", "out.c3d", "--dry-run", "--report", "out.html"]);
     assert!(dry.code != 1 && lab.new_since(&before).is_empty(), "a dry run writes nothing");
 }

@@ -74,6 +74,23 @@ fn sentences_have_80_columns() {
 }
 
 #[test]
+fn long_labels_do_not_make_it_wider() {
+    let lab = Lab::new();
+    let mut take = lab.take("walk-gaps.c3d");
+    for marker in &mut take.markers {
+        marker.label = format!("{}{}", marker.label, "_and_then_some".repeat(8));
+    }
+    lab.create("long.c3d", &take);
+    for arguments in [&["long.c3d", "-o", "out.c3d"][..], &["long.c3d", "--dry-run", "--max-gap", "12"], &["inspect", "long.c3d"]] {
+        let ran = lab.run(arguments);
+        assert!(ran.out.contains("_and_then"), "{ran:?}");
+        for line in ran.out.lines() {
+            assert!(line.chars().count() <= 80 || !line.trim().contains(' '), "{arguments:?}: {line}");
+        }
+    }
+}
+
+#[test]
 fn the_gap_map_shows_where_markers_are_missing() {
     let lab = Lab::new();
     let mut take = lab.take("walk-truth.c3d");

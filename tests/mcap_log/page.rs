@@ -3,7 +3,7 @@
 use super::frames::{BONES, FILLED, raw, repaired};
 use super::{about, drive, scripts};
 use formats::{Direction, Origin, TakeBuilder};
-use mocap_repair::log::{About, Attachment, Closing, Ended, McapLog, Shown, Up};
+use mocap_repair::log::{About, Attachment, Closing, Ended, McapLog, Shown, Up, attachment};
 use mocap_repair::page::{Curves, Page, State};
 use std::path::PathBuf;
 use tempfile::TempDir;
@@ -15,7 +15,7 @@ const REPORT: &str = concat!(
     "\n",
     r#"{"message_type":"gap","gap":2,"marker":"S:B","first_frame":103,"last_frame":103,"frames":1,"open":"too-long"}"#,
     "\n",
-    r#"{"message_type":"suspect","kind":"swap","marker":"S:A","with":"S:B","first_frame":101,"last_frame":104,"samples":3,"size_mm":400.5,"dropped":false,"text":"t"}"#,
+    r#"{"message_type":"suspect","kind":"swap","marker":"S:A","with":"S:B","column":0,"with_column":1,"first_frame":101,"last_frame":104,"samples":3,"size_mm":400.5,"dropped":false,"ignored":false,"text":"t"}"#,
     "\n",
     r#"{"message_type":"from_tomorrow","text":"not known yet"}"#,
     "\n",
@@ -94,4 +94,22 @@ fn a_report_of_another_take_is_noticed() {
     let (_folder, path, ..) = log(&Closing { attachments: vec![other], shown: Some(shown), ..Closing::default() });
     let told = Page::of_log(&path).unwrap_err().to_string();
     assert!(told.contains("the report tells of 2 gaps"), "{told}");
+}
+
+#[test]
+fn a_take_that_no_clock_can_play_has_no_page() {
+    let raw = raw();
+    let shown = Shown { raw: &raw, repaired: None, bones: &BONES, samples: &[], log_rate_hz: None };
+    let (_folder, path, ..) = log(&Closing { attachments: vec![report()], shown: Some(shown), ..Closing::default() });
+    let honest = String::from_utf8(attachment(&path, "take.json").unwrap()).unwrap();
+    for (is, might_be) in [(r#""rate_hz": 59.94"#, r#""rate_hz": 0.0"#), (r#""first_frame": 101"#, r#""first_frame": 4611686018427387904"#)]
+    {
+        assert!(honest.contains(is), "{honest}");
+        let mut crafted = report();
+        crafted.name = "take.json".into();
+        crafted.bytes = honest.replace(is, might_be).into();
+        let (_folder, path, ..) = log(&Closing { attachments: vec![report(), crafted], shown: Some(shown), ..Closing::default() });
+        let told = Page::of_log(&path).unwrap_err().to_string();
+        assert!(told.contains("its take.json speaks of a rate or of frames that no take can have"), "{told}");
+    }
 }

@@ -142,7 +142,7 @@ function suspects({ model, take }) {
       el("li", {},
         el("span", { className: "suspect-kind" }, s.kind.charAt(0).toUpperCase() + s.kind.slice(1)),
         el("span", {}, el("button", { type: "button", className: "plain link", onclick: () => jump(take, s.start, { marker: s.marker }) }, take.prefix ? s.text.replaceAll(take.prefix, "") : s.text),
-          el("span", { className: "help" }, s.dropped ? " Dropped and taken for a gap." : " Kept as measured.")))));
+          el("span", { className: "help" }, s.dropped ? " Dropped and taken for a gap." : s.ignored ? " Kept as measured, and nothing was filled from it." : " Kept as measured.")))));
     more.hidden = shown >= order.length;
     more.textContent = `Show more of ${whole(order.length)}`;
   }
