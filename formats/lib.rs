@@ -225,10 +225,12 @@ pub fn detect(head: &[u8], extension: Option<&str>) -> Result<&'static dyn Forma
 
 /// Says what bytes look like, for an error message.
 fn describe(head: &[u8]) -> String {
-    let text = head.iter().take(256).all(|&b| b >= 0x20 && b != 0x7f || matches!(b, b'\n' | b'\r' | b'\t'));
-    if text {
-        let start: String = String::from_utf8_lossy(head).chars().take(24).filter(|c| !c.is_control()).collect();
+    let odd = head.iter().take(256).position(|&b| !(b >= 0x20 && b != 0x7f || matches!(b, b'\n' | b'\r' | b'\t')));
+    let start: String = String::from_utf8_lossy(head).chars().take(24).filter(|c| !c.is_control()).collect();
+    if odd.is_none() {
         format!("it holds text that begins \"{start}\"")
+    } else if let Some(at) = odd.filter(|&at| at >= 16) {
+        format!("it begins as text, \"{start}\", but byte {at} is {:02x}, which no text holds", head[at])
     } else {
         let start: Vec<String> = head.iter().take(4).map(|b| format!("{b:02x}")).collect();
         format!("it begins with the bytes {}", start.join(" "))

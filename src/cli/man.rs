@@ -1,5 +1,6 @@
 //! The manual pages: the help text as troff, with exit codes and examples in sections of their own.
 
+use crate::input::plain;
 use crate::repair::RepairError;
 use crate::staging;
 use clap::Command;
@@ -99,8 +100,8 @@ fn exit_codes(help: &str) -> Vec<(String, String)> {
 /// A page exists and `force` is false, or the folder cannot be written to.
 pub(super) fn write(command: &Command, folder: &Path, force: bool) -> Result<Vec<PathBuf>, RepairError> {
     let wrong = |path: &Path, problem: String| RepairError::Io { path: path.to_owned(), problem };
-    let unwritable = |path: &Path, error: io::Error| wrong(path, format!("cannot be written: {error}"));
-    std::fs::create_dir_all(folder).map_err(|e| wrong(folder, format!("cannot be made: {e}")))?;
+    let unwritable = |path: &Path, error: io::Error| wrong(path, format!("cannot be written: {}", plain(&error)));
+    std::fs::create_dir_all(folder).map_err(|e| wrong(folder, format!("cannot be made: {}", plain(&e))))?;
     let pages = pages(command).map_err(|e| unwritable(folder, e))?;
     let pages: Vec<(PathBuf, Vec<u8>)> = pages.into_iter().map(|(name, page)| (folder.join(name), page)).collect();
     if let Some((path, _)) = pages.iter().find(|(path, _)| path.exists() && !force) {

@@ -1,6 +1,7 @@
 //! Writes a demonstration take to a folder.
 
 use super::{DemoOptions, demo};
+use crate::output::unwritable;
 use crate::repair::RepairError;
 use crate::staging;
 use formats::{Format, Notes, Take};
@@ -26,11 +27,11 @@ pub fn write_demo(folder: &Path, options: &DemoOptions, force: bool) -> Result<V
         }
     }
     for (path, take, format) in &files {
-        let mut file = staging::beside(path).map_err(|e| io(path, format!("cannot be written: {e}")))?;
+        let mut file = staging::beside(path).map_err(|e| unwritable(path, &e))?;
         let mut bytes = Vec::new();
         format.create(take, &mut bytes, &Notes::new()).map_err(|error| RepairError::Format { path: path.clone(), error })?;
-        std::io::Write::write_all(&mut file, &bytes).map_err(|e| io(path, format!("cannot be written: {e}")))?;
-        staging::publish(file, path).map_err(|e| io(path, format!("cannot be written: {e}")))?;
+        std::io::Write::write_all(&mut file, &bytes).map_err(|e| unwritable(path, &e))?;
+        staging::publish(file, path).map_err(|e| unwritable(path, &e))?;
     }
     Ok(files.into_iter().map(|(path, ..)| path).collect())
 }

@@ -72,12 +72,17 @@ fn what_is_no_take_is_refused() {
     let lab = Lab::new();
     lab.write("text.c3d", "Dear lab,\nplease find attached\n");
     lab.write("empty.c3d", "");
+    lab.write("stray.csv", "frame,time,\"LKNE\u{1b}[2J.X\",LKNE.Y,LKNE.Z\n1,0.0,1,2,3\n");
     lab.write("noise.bin", [0x7f, 0x45, 0x4c, 0x46, 0, 0, 0, 0]);
     lab.write("short.csv", "frame,time,A-x,A-y,A-z\n1,0.0,1,2,3\n2,0.01,1,2\n");
     std::fs::create_dir(lab.path("folder.c3d")).unwrap();
     for (input, told) in [
         ("text.c3d", "text.c3d: named .c3d but not c3d: it holds text that begins \"Dear lab,"),
         ("empty.c3d", "empty.c3d: the file is empty (0 bytes)"),
+        (
+            "stray.csv",
+            "stray.csv: named .csv but not csv: it begins as text, \"frame,time,\"LKNE[2J.X\",\", but byte 16 is 1b, which no text holds",
+        ),
         (
             "noise.bin",
             "noise.bin: not a format we know: it begins with the bytes 7f 45 4c 46; expected one of: c3d, csv, motive, nexus, trc, tsv, bvh",
