@@ -79,7 +79,8 @@ pub fn normalised(distances: &[f64], width: f64) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::blackout::{Blackout, fill, find};
+    use super::super::blackout::fill;
+    use super::super::dark::{Blackout, find};
     use super::super::ensemble::Filling;
     use super::super::tracks::{Tracks, tests::problem};
     use super::*;

@@ -7,6 +7,7 @@
 
 use super::Explanation;
 use super::alike::{apart, looks, neighbourhood, normalised, velocity_pairs};
+use super::dark::Blackout;
 use super::ensemble::{Filling, context};
 use super::features::spread;
 use super::frame::nearest;
@@ -54,32 +55,6 @@ const PESSIMISM: f64 = 0.9;
 
 /// Weights below this count for nothing.
 const NOTHING: f64 = 1e-4;
-
-/// A run of frames in which a body is out of sight.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Blackout {
-    /// First frame.
-    pub start: usize,
-    /// One past the last.
-    pub end: usize,
-    /// The markers of the body that take part.
-    pub markers: Vec<usize>,
-}
-
-/// Finds the black-outs of a body.
-pub fn find(tracks: &Tracks, markers: &[usize]) -> Vec<Blackout> {
-    // a frame of three markers is enough to work with, but not if it says next to nothing of the body
-    let least = if markers.len() >= 8 { 4 } else { 1 };
-    let dark = |t: usize| markers.iter().filter(|&&i| tracks.seen(t, i)).count() < least.min(markers.len());
-    let mut found: Vec<Blackout> = Vec::new();
-    for t in (0..tracks.frames).filter(|&t| dark(t)) {
-        match found.last_mut() {
-            Some(last) if last.end == t => last.end = t + 1,
-            _ => found.push(Blackout { start: t, end: t + 1, markers: markers.to_vec() }),
-        }
-    }
-    found
-}
 
 /// Frames around a run, relative to its first frame, ascending; `before` of them lie before it.
 pub struct Context {

@@ -5,6 +5,7 @@ mod alike;
 mod ask;
 mod blackout;
 mod body;
+mod dark;
 mod ensemble;
 mod experts;
 mod features;
@@ -20,8 +21,8 @@ pub use tracks::LEAST_SEEN;
 
 use super::{Estimate, Gap, Limits, Meter, Problem, Progress, SolveError, Solver};
 use adjust::Adjustment;
-use blackout::Blackout;
 use body::Body;
+use dark::Blackout;
 use ensemble::{Filling, Scene};
 use rayon::prelude::*;
 use simulate::Seen;
@@ -178,7 +179,7 @@ impl<'a> Auto<'a> {
         let (mut blackouts, mut dark, mut body_of) = (Vec::new(), Vec::new(), Vec::new());
         for body in 0..bodies.iter().max().map_or(0, |last| last + 1) {
             let markers: Vec<usize> = (0..problem.markers()).filter(|&i| bodies[i] == body && tracks.live(i)).collect();
-            let own = blackout::find(&tracks, &markers);
+            let own = dark::find(&tracks, &markers);
             let mut frames = vec![false; problem.frames()];
             for t in own.iter().flat_map(|b| b.start..b.end) {
                 frames[t] = true;
