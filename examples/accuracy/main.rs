@@ -3,6 +3,8 @@
 //! `cargo run --release --example accuracy -- --help`; `docs/accuracy.md` says what it shows.
 //! The takes and the list of occlusions are not part of this repository: they are looked for at `../shared`, or where `MOCAP_SHARED` says.
 
+mod masks;
+
 use clap::Parser;
 use formats::{Stated, Take, TakeBuilder, Unit};
 use mocap_repair::bones;
@@ -30,6 +32,12 @@ struct Args {
     /// Lists of occlusions (JSON) [default: the one beside the takes]
     #[arg(long, value_name = "FILE")]
     cases: Vec<PathBuf>,
+    /// Takes the gaps of all takes in this folder instead of a list
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["cases", "kinds", "trials"])]
+    masks: Option<PathBuf>,
+    /// With --masks: another set of the kind
+    #[arg(long, value_name = "N", default_value_t = 0, requires = "masks")]
+    set: usize,
     /// Kinds of occlusion
     #[arg(long, value_delimiter = ',', default_value = "single,limb,scattered,blackout,paper")]
     kinds: Vec<String>,
@@ -86,22 +94,14 @@ fn work(args: &Args) -> Result<(), String> {
         recipe.leave_out(name).map_err(|known| format!("--without {name}: expected one of: {known}"))?;
     }
     let mut out = std::io::stdout().lock();
-    for list in &lists {
-        let text = std::fs::read_to_string(list).map_err(|e| format!("{}: {e}", list.display()))?;
-        let cases: Vec<Case> = serde_json::from_str(&text).map_err(|e| format!("{}: {e}", list.display()))?;
-        let cases: Vec<Case> =
-            cases.into_iter().filter(|c| args.kinds.contains(&c.kind) && (c.trial < args.trials || c.kind == "paper")).collect();
-        let mut takes: BTreeMap<&str, Take> = BTreeMap::new();
-        for case in &cases {
-            if !takes.contains_key(case.motion.as_str()) {
-                let path = shared.join("data/cmu9").join(format!("{}.csv", case.motion));
-                let stated = Stated { rate_hz: Some(RATE_HZ), unit: Some(Unit::Millimetre), ..Stated::default() };
-                let opened = open(&path, &stated.into()).map_err(|e| e.to_string())?;
-                takes.insert(&case.motion, opened.document.take().clone());
-            }
-        }
-        let scores: Vec<Score> =
-            cases.par_iter().map(|case| judge(case, &takes[case.motion.as_str()], args, &recipe)).collect::<Result<_, _>>()?;
+    let takes = takes(&shared.join("data/cmu9"))?;
+    let (lists, kinds) = match &args.masks {
+        Some(folder) => (vec![(folder, masks::cases(folder, &takes, args.set)?)], vec![masks::KIND.to_owned()]),
+        None => (lists.iter().map(|list| Ok((list, listed(list, args)?))).collect::<Result<Vec<_>, String>>()?, args.kinds.clone()),
+    };
+    for (list, cases) in &lists {
+        let take = |case: &Case| takes.get(&case.motion).ok_or_else(|| format!("{}: there is no take {}", list.display(), case.motion));
+        let scores: Vec<Score> = cases.par_iter().map(|case| judge(case, take(case)?, args, &recipe)).collect::<Result<_, _>>()?;
         let mut print = |text: String| writeln!(out, "{text}").map_err(|e| e.to_string());
         print(format!("{} {}", list.display(), args.without.join(",")))?;
         if args.each {
@@ -118,7 +118,7 @@ fn work(args: &Args) -> Result<(), String> {
                 ))?;
             }
         }
-        for kind in &args.kinds {
+        for kind in &kinds {
             let own: Vec<&Score> = cases.iter().zip(&scores).filter(|(c, _)| c.kind == *kind).map(|(_, s)| s).collect();
             if own.is_empty() {
                 continue;
@@ -146,6 +146,31 @@ fn work(args: &Args) -> Result<(), String> {
         }
     }
     Ok(())
+}
+
+/// The takes in a folder, by their names.
+fn takes(folder: &Path) -> Result<BTreeMap<String, Take>, String> {
+    let stated = Stated { rate_hz: Some(RATE_HZ), unit: Some(Unit::Millimetre), ..Stated::default() };
+    let mut takes = BTreeMap::new();
+    for entry in std::fs::read_dir(folder).map_err(|e| format!("{}: {e}", folder.display()))? {
+        let path = entry.map_err(|e| format!("{}: {e}", folder.display()))?.path();
+        if path.extension().is_some_and(|e| e == "csv") {
+            let opened = open(&path, &stated.clone().into()).map_err(|e| e.to_string())?;
+            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+            takes.insert(name, opened.document.take().clone());
+        }
+    }
+    if takes.is_empty() {
+        return Err(format!("{}: there are no takes", folder.display()));
+    }
+    Ok(takes)
+}
+
+/// The cases that a list has of the kinds that are asked for.
+fn listed(list: &Path, args: &Args) -> Result<Vec<Case>, String> {
+    let text = std::fs::read_to_string(list).map_err(|e| format!("{}: {e}", list.display()))?;
+    let cases: Vec<Case> = serde_json::from_str(&text).map_err(|e| format!("{}: {e}", list.display()))?;
+    Ok(cases.into_iter().filter(|c| args.kinds.contains(&c.kind) && (c.trial < args.trials || c.kind == "paper")).collect())
 }
 
 fn judge(case: &Case, truth: &Take, args: &Args, recipe: &Recipe) -> Result<Score, String> {
