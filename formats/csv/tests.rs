@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
 use super::*;
+use crate::text::damage::survive;
 use crate::{Direction, Marker, Origin, Role, Samples, TakeBuilder, Unit};
 
 const NONE: Stated = Stated { rate_hz: None, unit: None, missing: Samples::new() };
@@ -358,41 +359,7 @@ fn broken_files_do_not_break_the_reader() {
         "frame;marker;x;y;z\n1;A;1,5;2;3\n1;\"B\";;;\n2;A;1,5;2;3\n4;A;0;0;0\n",
         "A_X\tA_Y\tA_Z (mm)\n1e3\t-2.5\t+.5\n\t\t\n",
     ];
-    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
-    let mut random = |below: usize| {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 33) as usize % below.max(1)
-    };
-    let alphabet = b"\",;\t\n\r.-x0159eN \xff\0";
-    let mut opened = 0;
-    for round in 0..30_000 {
-        let mut bytes = seeds[round % seeds.len()].as_bytes().to_vec();
-        for _ in 0..=random(3) {
-            let at = random(bytes.len());
-            match random(4) {
-                0 => bytes[at] = alphabet[random(alphabet.len())],
-                1 => bytes.insert(at, alphabet[random(alphabet.len())]),
-                2 => drop(bytes.drain(at..(at + random(9)).min(bytes.len()))),
-                _ => bytes.truncate(at.max(1)),
-            }
-            if bytes.is_empty() {
-                break;
-            }
-        }
-        Csv.sniff(&bytes);
-        let Ok(document) = Csv.open(bytes.clone(), &NONE, &Notes::new()) else { continue };
-        opened += 1;
-        assert_eq!(save(document.as_ref(), document.take()), bytes);
-        let mut take = document.take().clone();
-        let markers = take.markers.len();
-        for (f, m) in (0..take.frames()).flat_map(|f| (0..markers).map(move |m| (f, m))).take(500) {
-            take.fill(f, m, [1.0, 2.0, 3.0]);
-        }
-        let again = Csv.open(save(document.as_ref(), &take), &STATED, &Notes::new());
-        assert!(again.is_ok(), "{:?}: {:?}", String::from_utf8_lossy(&bytes), again.err().map(|e| e.to_string()));
-    }
+    let opened = survive(&Csv, &seeds, b"\",;\t\n\r.-x0159eN \xff\0", 30_000, &STATED);
     assert!(opened > 3000, "{opened}");
 }
 

@@ -20,6 +20,8 @@
 
 pub(crate) mod clock;
 pub(crate) mod cut;
+#[cfg(test)]
+pub(crate) mod damage;
 pub(crate) mod fresh;
 pub(crate) mod lines;
 pub(crate) mod number;

@@ -2,6 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::indexing_slicing)]
 
 use super::*;
+use crate::text::damage::survive;
 use crate::{Direction, Marker, Origin, Samples};
 
 const NONE: Stated = Stated { rate_hz: None, unit: None, missing: Samples::new() };
@@ -201,45 +202,7 @@ fn broken_files_do_not_break_the_reader() {
         file("2|2", "A|B\n", &["1|0.00|1,5|2|3|4|5|6|7", "2|0.01|NaN||1|4|5|6|7|8|9"]),
         "PathFileType,4\nUnits,NumMarkers\nm,3\nFrame#,Time,\"A\",,,B\n,,,,\n0,0,1,2,3,4,5,6\n1,.01,1,2,3\n".to_owned(),
     ];
-    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
-    let mut random = |below: usize| {
-        state ^= state << 13;
-        state ^= state >> 7;
-        state ^= state << 17;
-        (state >> 33) as usize % below.max(1)
-    };
-    let alphabet = b"\",;\t\n\r.-x0159eN \xff\0X";
-    let mut opened = 0;
-    for round in 0..20_000 {
-        let mut bytes = seeds[round % seeds.len()].as_bytes().to_vec();
-        for _ in 0..=random(3) {
-            let at = random(bytes.len());
-            match random(4) {
-                0 => bytes[at] = alphabet[random(alphabet.len())],
-                1 => bytes.insert(at, alphabet[random(alphabet.len())]),
-                2 => drop(bytes.drain(at..(at + random(9)).min(bytes.len()))),
-                _ if random(3) == 0 => bytes.truncate(at.max(1)),
-                _ => {}
-            }
-            if bytes.is_empty() {
-                break;
-            }
-        }
-        Trc.sniff(&bytes);
-        let Ok(document) = Trc.open(bytes.clone(), &NONE, &Notes::new()) else { continue };
-        opened += 1;
-        let mut out = Vec::new();
-        document.save(document.take(), &mut out, &Notes::new()).unwrap();
-        assert_eq!(out, bytes);
-        let mut take = document.take().clone();
-        let markers = take.markers.len();
-        for (f, m) in (0..take.frames()).flat_map(|f| (0..markers).map(move |m| (f, m))).take(500) {
-            take.fill(f, m, [1.0, 2.0, 3.0]);
-        }
-        let mut out = Vec::new();
-        document.save(&take, &mut out, &Notes::new()).unwrap();
-        let again = Trc.open(out, &NONE, &Notes::new());
-        assert!(again.is_ok(), "{:?}: {:?}", String::from_utf8_lossy(&bytes), again.err().map(|e| e.to_string()));
-    }
+    let seeds: Vec<&str> = seeds.iter().map(String::as_str).collect();
+    let opened = survive(&Trc, &seeds, b"\",;\t\n\r.-x0159eN \xff\0X", 20_000, &NONE);
     assert!(opened > 2000, "{opened}");
 }
