@@ -57,15 +57,17 @@ pub fn open(path: &Path, reading: &Reading) -> Result<Opened, RepairError> {
     let extension = name.extension().and_then(|e| e.to_str());
     let head = &bytes[..bytes.len().min(4096)];
     let format = formats::detect(head, extension).map_err(|error| RepairError::Detect { path: path.to_owned(), error })?;
-    let again = if reading.missing.is_empty() && reading.dropped.is_empty() { None } else { Some(bytes.clone()) };
+    let again = if reading.missing.is_empty() { None } else { Some(bytes.clone()) };
     let mut notes = Notes::new();
     let mut stated = reading.stated.clone();
+    let drop_from = |stated: &mut Stated| reading.dropped.iter().for_each(|(frame, marker)| stated.missing.insert(frame, marker));
+    drop_from(&mut stated);
     let mut document = format.open(bytes, &stated, &notes).map_err(wrong)?;
     if let Some(bytes) = again {
         // Which samples are meant is known only when the take is.
         let missing = missing::resolve(&reading.missing, document.take());
         stated.missing = missing.map_err(|error| RepairError::Missing { path: path.to_owned(), error })?;
-        reading.dropped.iter().for_each(|(frame, marker)| stated.missing.insert(frame, marker));
+        drop_from(&mut stated);
         notes = Notes::new();
         document = format.open(bytes, &stated, &notes).map_err(wrong)?;
     }
