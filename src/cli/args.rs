@@ -409,7 +409,6 @@ impl RepairArgs {
         }
     }
 
-    /// All but [`Request::config`], which only the whole command line knows.
     /// Files that are read besides the take.
     fn reads(&self) -> Vec<PathBuf> {
         let bones = self.bones.iter().filter_map(|b| if let BonesArg::File(path) = b { Some(path.clone()) } else { None });
@@ -417,6 +416,7 @@ impl RepairArgs {
         bones.chain(tables).chain(self.config.clone()).collect()
     }
 
+    /// All but [`Request::config`], which only the whole command line knows.
     pub fn request(&self) -> Request {
         let mut input = self.inputs.first().cloned().unwrap_or_default();
         if self.in_place {

@@ -136,7 +136,7 @@ pub fn main(interrupt: &AtomicBool, heed: fn()) -> u8 {
 
 fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
     let words: Vec<OsString> = std::env::args_os().collect();
-    let (cli, matches) = match parse(&words) {
+    let (cli, matches, command) = match parse(&words) {
         Ok(parsed) => parsed,
         Err(Refused::Typed(error)) => {
             let code = if matches!(error.kind(), ErrorKind::DisplayHelp | ErrorKind::DisplayVersion) { 0 } else { 2 };
@@ -168,7 +168,7 @@ fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
         Some(Command::Man { output, force }) => manual(output.as_deref(), force),
         None => {
             heed();
-            run_repair(&cli.repair, &matches, interrupt)
+            run_repair(&cli.repair, &command, &matches, interrupt)
         }
     }
 }
@@ -190,19 +190,19 @@ enum Refused {
 }
 
 /// What was typed, with what `--config` says where nothing was typed.
-fn parse(words: &[OsString]) -> Result<(Cli, ArgMatches), Refused> {
+/// Also returns the definition of the command line, built.
+fn parse(words: &[OsString]) -> Result<(Cli, ArgMatches, clap::Command), Refused> {
     let mut command = Cli::command();
-    command.build();
-    let mut matches = Cli::command().try_get_matches_from(words).map_err(Refused::Typed)?;
+    let mut matches = command.try_get_matches_from_mut(words).map_err(Refused::Typed)?;
     if matches.subcommand_name().is_none()
         && let Some(path) = matches.get_one::<PathBuf>("config")
     {
         let words = config::with_file(&command, words, &matches, path)
             .map_err(|problem| Refused::Config { problem, json: matches.get_flag("json") })?;
-        matches = Cli::command().try_get_matches_from(words).map_err(Refused::Typed)?;
+        matches = command.try_get_matches_from_mut(words).map_err(Refused::Typed)?;
     }
     let cli = Cli::from_arg_matches(&matches).map_err(|error| Refused::Typed(error.format(&mut command)))?;
-    Ok((cli, matches))
+    Ok((cli, matches, command))
 }
 
 fn manual(folder: Option<&Path>, force: bool) -> u8 {
@@ -227,7 +227,7 @@ fn manual(folder: Option<&Path>, force: bool) -> u8 {
     }
 }
 
-fn run_repair(args: &RepairArgs, matches: &ArgMatches, interrupt: &AtomicBool) -> u8 {
+fn run_repair(args: &RepairArgs, command: &clap::Command, matches: &ArgMatches, interrupt: &AtomicBool) -> u8 {
     if args.inputs.len() > 1 {
         let text = format!("{} takes were named; repair one at a time, each with its own -o", args.inputs.len());
         let _ = Cli::command().error(ErrorKind::TooManyValues, text).print();
@@ -239,13 +239,11 @@ fn run_repair(args: &RepairArgs, matches: &ArgMatches, interrupt: &AtomicBool) -
         let _ = Cli::command().error(ErrorKind::ArgumentConflict, text).print();
         return 2;
     }
-    let mut command = Cli::command();
-    command.build();
     if args.print_config {
-        print(&config::commented(&command, matches));
+        print(&config::commented(command, matches));
         return 0;
     }
-    let request = Request { config: config::effective(&command, matches), ..args.request() };
+    let request = Request { config: config::effective(command, matches), ..args.request() };
     let mut terminal = watching(args.quiet || args.json);
     let result = repair(&request, &mut terminal, interrupt);
     drop(terminal);
