@@ -96,8 +96,9 @@ pub fn measure(take: &Take, a: usize, b: usize) -> Option<(f64, f64)> {
 }
 
 /// How far two places are apart, in their own unit.
+#[inline]
 pub(crate) fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
-    (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt()
+    ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)).sqrt()
 }
 
 fn distances(a: &[Option<[f64; 3]>], b: &[Option<[f64; 3]>]) -> Vec<f64> {

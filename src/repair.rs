@@ -327,7 +327,7 @@ fn write_out(
     if let (Some(log), Some(path)) = (log, &request.log) {
         watch.phase("writing the log");
         let mut events = log::of_gaps(gaps, &report.gaps);
-        events.extend(log::of_suspects(&report.suspects, raw));
+        events.extend(log::of_suspects(&report.suspects));
         events.extend(report.notes.iter().map(|note| Event::note(note.matters(), note.to_string())));
         let closing = Closing {
             ended: Ended::Done,

@@ -5,7 +5,6 @@ use super::schema::foxglove::{Log, log::Level};
 use crate::report::GapReport;
 use crate::solve::Gap;
 use crate::suspects::SuspectReport;
-use formats::Take;
 use prost_types::Timestamp;
 
 /// A line of the log.
@@ -48,8 +47,7 @@ pub fn of_gaps(gaps: &[Gap], reports: &[GapReport]) -> Vec<Event> {
 }
 
 /// Samples that no body makes: one line each, at its first frame.
-pub fn of_suspects(suspects: &[SuspectReport], take: &Take) -> Vec<Event> {
-    let frame = |label: i64| usize::try_from((label - take.first_frame) / take.frame_step.max(1)).unwrap_or(0);
+pub fn of_suspects(suspects: &[SuspectReport]) -> Vec<Event> {
     suspects
         .iter()
         .map(|suspect| {
@@ -59,7 +57,7 @@ pub fn of_suspects(suspects: &[SuspectReport], take: &Take) -> Vec<Event> {
                 (false, false) => "left as it is",
             };
             Event {
-                frame: frame(suspect.first_frame),
+                frame: suspect.start,
                 warning: true,
                 name: suspect.marker.clone(),
                 message: format!("{}: {} ({fate})", suspect.kind, suspect.text),

@@ -195,7 +195,7 @@ impl Found {
 
     /// True if a partner strays at the same time, the same way, and the two keep their distance: then it is the body that moves.
     fn moves_with_another(&self, stray: &Stray, tracks: &Tracks, witness: &Witness) -> bool {
-        let swapped = self.swaps.iter().any(|s| s.markers.contains(&stray.marker) && s.start < stray.end && stray.start < s.end);
+        let swapped = self.swaps.iter().any(|s| s.touches(stray));
         let apart = |other: &Stray, frame: usize| Some(distance(tracks.at(stray.marker, frame)?, tracks.at(other.marker, frame)?));
         let off = |s: &Stray, frame: usize| {
             let expected = Path { tracks, witness, marker: s.marker }.expected(frame, s.left, s.right)?;
@@ -246,7 +246,7 @@ impl Found {
             }
         }
         for stray in &self.strays {
-            if self.swaps.iter().any(|s| s.markers.contains(&stray.marker) && s.start < stray.end && stray.start < s.end) {
+            if self.swaps.iter().any(|s| s.touches(stray)) {
                 continue;
             }
             let short = stray.end - stray.start <= short_frames(tracks);

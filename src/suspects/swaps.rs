@@ -45,8 +45,7 @@ pub(super) fn among(strays: &[Stray], tracks: &Tracks, witness: &Witness) -> Vec
     let mut swaps: Vec<Swap> = Vec::new();
     for stray in strays {
         let frames = some_frames(stray.start, stray.end, 9);
-        let known = |m: usize| swaps.iter().any(|s| s.markers.contains(&m) && s.start < stray.end && stray.start < s.end);
-        if known(stray.marker) {
+        if swaps.iter().any(|s| s.touches(stray)) {
             continue;
         }
         let path = |marker| Path { tracks, witness, marker };
@@ -283,6 +282,15 @@ impl<'a> Afar<'a> {
 impl Swap {
     /// True if the other one is the same exchange, or another one of one of the two at the same time.
     pub fn overlaps(&self, other: &Self) -> bool {
-        self.markers.iter().any(|m| other.markers.contains(m)) && self.start < other.end && other.start < self.end
+        other.markers.iter().any(|&marker| self.takes(marker, other.start, other.end))
+    }
+
+    /// True if the stray piece is of one of the two, at the same time.
+    pub fn touches(&self, stray: &Stray) -> bool {
+        self.takes(stray.marker, stray.start, stray.end)
+    }
+
+    fn takes(&self, marker: usize, start: usize, end: usize) -> bool {
+        self.markers.contains(&marker) && self.start < end && start < self.end
     }
 }

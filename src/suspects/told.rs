@@ -37,6 +37,9 @@ pub struct SuspectReport {
     pub ignored: bool,
     /// All this in a sentence.
     pub text: String,
+    /// First frame, from 0.
+    #[serde(skip)]
+    pub(crate) start: usize,
     /// For counting: both sides of a swap are one.
     #[serde(skip)]
     counts: bool,
@@ -58,6 +61,7 @@ impl SuspectReport {
             dropped: treatment == Treatment::Dropped,
             ignored: treatment == Treatment::Ignored,
             text: s.sentence(take),
+            start: s.start,
             counts: s.with.is_none_or(|with| s.marker < with),
         };
         suspects.iter().map(tell).collect()

@@ -1,5 +1,6 @@
 //! The take marker by marker, which is how paths are followed, and a little arithmetic of points.
 
+pub(super) use crate::bones::distance;
 use crate::runs::runs;
 use formats::{Role, Take};
 
@@ -104,10 +105,6 @@ pub(super) fn minus(a: Point, b: Point) -> Point {
 
 pub(super) fn length(a: Point) -> f64 {
     (a[0] * a[0] + a[1] * a[1] + a[2] * a[2]).sqrt()
-}
-
-pub(super) fn distance(a: Point, b: Point) -> f64 {
-    length(minus(a, b))
 }
 
 /// `(1 - share) a + share b`

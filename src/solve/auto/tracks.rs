@@ -1,5 +1,6 @@
 //! The table that experts read: every sample seen or filled, and how rigidly markers hang together.
 
+pub(super) use crate::bones::distance;
 use crate::runs::runs;
 use crate::solve::{Gap, Problem, forest};
 
@@ -206,11 +207,6 @@ impl Pairs {
     pub fn get(&self, i: usize, j: usize) -> Pair {
         self.pairs[i * self.markers + j]
     }
-}
-
-/// Distance of two points.
-pub fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
-    ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2) + (a[2] - b[2]).powi(2)).sqrt()
 }
 
 #[cfg(test)]
