@@ -17,6 +17,9 @@ class Shapes {
 
 const POINT = 8, LINE = 11, BALL = 8;
 
+/** Larger balls than this, in metres, grow fainter, or they would hide the figure that they belong to. */
+const SOLID = 0.15;
+
 class Figure {
   constructor(take, turn, floor) {
     this.take = take;
@@ -75,7 +78,10 @@ class Figure {
         this.points.add(...xyz(raw, marker), 8, ...palette.suspect, 0.9);
       }
       const sigma = take.sigma[take.at(marker, frame)];
-      if (show.sigma && filled && sigma > 0) this.balls.add(...at, (2 * sigma) / 1000, ...palette.filled, 0.3);
+      if (show.sigma && filled && sigma > 0) {
+        const radius = (2 * sigma) / 1000;
+        this.balls.add(...at, radius, ...palette.filled, 0.3 * Math.min(1, SOLID / radius));
+      }
     }
   }
 

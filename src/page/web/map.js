@@ -22,11 +22,12 @@ function gapMap({ model, take, gaps, scale }) {
   const rows = [...new Set([...gaps.map((g) => g.marker), ...model.suspects.map((s) => s.marker)])].sort((a, b) => a - b).slice(0, MOST_ROWS);
   const rowOf = new Map(rows.map((marker, row) => [marker, row]));
   const rowHeight = rows.length <= 12 ? 22 : rows.length <= 40 ? 15 : rows.length <= 80 ? 11 : 7;
+  const font = rowHeight < 15 ? FONT.replace("12px", "10px") : FONT;
+  const widest = Math.max(...rows.map((marker) => widthOf(take.markers[marker], font)));
   const complete = take.markers.length - rows.length;
   const host = el("div", { className: "gap-map" });
   const tip = el("div", { className: "tip", hidden: true, "aria-hidden": "true" });
   const live = el("p", { className: "visually-hidden", role: "status" });
-  const longest = Math.max(...rows.map((marker) => take.markers[marker].length));
 
   /** The gap at a place of the picture. A narrow one may be missed by a few pixels. */
   function gapAt(plot, x, y) {
@@ -138,10 +139,10 @@ function gapMap({ model, take, gaps, scale }) {
         frameAxis({ grid: { show: false } }),
         axis({
           grid: { show: false },
-          size: Math.min(Math.max(44, longest * 6.6 + 14), width * 0.32),
+          size: Math.min(Math.max(44, widest + BESIDE), width * 0.32),
           splits: () => rows.map((_, row) => row).filter((row) => rowHeight >= 11 || row % Math.ceil(11 / rowHeight) === 0),
-          values: (_, at) => at.map((row) => cutLabel(take.markers[rows[row]], width)),
-          font: rowHeight < 15 ? FONT.replace("12px", "10px") : FONT,
+          values: (_, at) => at.map((row) => cutLabel(take.markers[rows[row]], width * 0.32 - BESIDE, font)),
+          font,
           gap: 6,
         }),
       ],
@@ -224,9 +225,22 @@ function gapMap({ model, take, gaps, scale }) {
     gapTable({ model, take, gaps }));
 }
 
+/** What an axis takes besides its labels, in px. */
+const BESIDE = 14;
+
+const pen = document.createElement("canvas").getContext("2d");
+
+/** How wide a text is, in px. */
+function widthOf(text, font) {
+  pen.font = font;
+  return pen.measureText(text).width;
+}
+
 /** A label that fits beside the map: what tells labels apart is at either end. */
-function cutLabel(label, width) {
-  const most = Math.max(7, Math.floor((width * 0.32 - 14) / 6.6));
-  const tail = Math.floor(0.6 * most);
-  return label.length > most ? `${label.slice(0, most - tail - 1)}…${label.slice(-tail)}` : label;
+function cutLabel(label, room, font) {
+  const cut = (kept) => `${label.slice(0, kept - Math.floor(0.6 * kept))}…${label.slice(-Math.floor(0.6 * kept))}`;
+  if (widthOf(label, font) <= room) return label;
+  let kept = label.length - 1;
+  while (kept > 2 && widthOf(cut(kept), font) > room) kept--;
+  return cut(kept);
 }
