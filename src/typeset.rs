@@ -39,6 +39,19 @@ pub enum Tone {
     Alarm,
 }
 
+/// True if the terminal says that it draws nothing but text.
+pub fn is_dumb() -> bool {
+    std::env::var_os("TERM").is_some_and(|term| term == "dumb")
+}
+
+/// No colours for a terminal that draws nothing but text, also where `CI` says that colours are welcome; to be called before anything is written.
+pub fn settle_colours() {
+    let forced = std::env::var_os("CLICOLOR_FORCE").is_some_and(|said| !said.is_empty() && said != "0");
+    if is_dumb() && !forced {
+        anstream::ColorChoice::Never.write_global();
+    }
+}
+
 impl Style {
     /// For a file or a test: no colours, any characters.
     pub fn plain() -> Self {

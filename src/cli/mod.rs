@@ -16,7 +16,7 @@ use crate::repair::{RepairError, Request, neighbours, repair};
 use crate::report::lines;
 use crate::solve::auto::Stiffness;
 use crate::solve::{Method, Observer};
-use crate::typeset::{Style, Tone};
+use crate::typeset::{Style, Tone, settle_colours};
 use args::{BonesArg, ConvertArgs, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
 use clap_complete::Shell;
@@ -135,6 +135,7 @@ pub fn main(interrupt: &AtomicBool, heed: fn()) -> u8 {
 }
 
 fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
+    settle_colours();
     let words: Vec<OsString> = std::env::args_os().collect();
     let (cli, matches, command) = match parse(&words) {
         Ok(parsed) => parsed,

@@ -3,7 +3,7 @@
 //! Whoever works only says where it is; a thread of its own draws ten times a second what was said last.
 
 use crate::solve::{Meter, Observer, Outcome, Progress, Start, Step};
-use crate::typeset::{Style, Tone, columns, cut};
+use crate::typeset::{Style, Tone, columns, cut, is_dumb};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use std::fmt::Write;
 use std::io::IsTerminal;
@@ -58,8 +58,7 @@ struct Stage {
 impl Terminal {
     /// A terminal at standard error that can be drawn on; `None` if there is none.
     pub fn new() -> Option<Self> {
-        let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
-        if !std::io::stderr().is_terminal() || dumb {
+        if !std::io::stderr().is_terminal() || is_dumb() {
             return None;
         }
         let now = Instant::now();

@@ -38,7 +38,8 @@ def check(name, holds, told=""):
 
 def at_terminal(columns, words, folder, **environment):
     """All that the program writes to a terminal of so many columns."""
-    base = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "CLICOLOR", "CLICOLOR_FORCE", "LC_ALL", "COLUMNS")}
+    speaking = ("NO_COLOR", "CLICOLOR", "CLICOLOR_FORCE", "CI", "LC_ALL", "COLUMNS")
+    base = {name: value for name, value in os.environ.items() if name not in speaking}
     base.update({"TERM": "xterm-256color", "LC_ALL": "C.UTF-8"}, **environment)
     leader, follower = pty.openpty()
     fcntl.ioctl(follower, termios.TIOCSWINSZ, struct.pack("HHHH", 40, columns, 0, 0))
@@ -92,8 +93,12 @@ def main():
     check("EM tells its likelihood", "log-likelihood" in told, told)
     _, told = at_terminal(80, repair, folder, NO_COLOR="1")
     check("NO_COLOR: progress without colours", "█" in told and not COLOUR.search(told), told)
-    _, told = at_terminal(80, repair, folder, TERM="dumb")
-    check("TERM=dumb: no escapes at all", "\x1b" not in told and "expected" in told, told)
+    for integration in ({}, {"CI": "true"}):  # libraries take CI for a wish for colours
+        for words in (repair, [program, "--help"], [program, "missing.c3d"]):
+            _, told = at_terminal(80, words, folder, TERM="dumb", **integration)
+            check(f"TERM=dumb {integration}: no escapes at all in {words[1:]}", "\x1b" not in told and len(told) > 50, told)
+    _, told = at_terminal(80, repair, folder, TERM="dumb", CLICOLOR_FORCE="1")
+    check("CLICOLOR_FORCE: colours even so", COLOUR.search(told), told)
     _, told = at_terminal(80, repair, folder, LC_ALL="C")
     check("a locale without UTF-8: ASCII only", told.isascii() and "###" in told, told)
     for silent in ("--json", "--quiet"):
