@@ -340,7 +340,7 @@ fn write(
         .profile("")
         .library(concat!("mocap-repair/", env!("CARGO_PKG_VERSION")))
         .compression(Some(Compression::Zstd))
-        .compression_level(0) // zstd's own default
+        .compression_level(1) // against zstd's default of 3: a fifth quicker, 6 % larger
         .compression_threads(0) // the default follows the machine, and the bytes follow the number
         .chunk_size(Some(1 << 20))
         .create(BufWriter::new(file))?;

@@ -214,6 +214,36 @@ for (const [name, { bytes }] of Object.entries(pages)) check(`${name}: below 1 M
   await close();
 }
 
+// Nothing is cut, and no word is broken.
+for (const name of ["walk", "occluded", "spiked", "hostile"]) {
+  for (const width of [360, 1600]) {
+    const watching = () => {
+      window.cut = [];
+      window.drawn = 0;
+      const fillText = CanvasRenderingContext2D.prototype.fillText;
+      CanvasRenderingContext2D.prototype.fillText = function (text, x, y, ...rest) {
+        const { width } = this.measureText(text);
+        const start = { right: -width, end: -width, center: -width / 2 }[this.textAlign] ?? 0;
+        const { a, b, e } = this.getTransform();
+        window.drawn++;
+        if (b === 0 && a * (x + start) + e < -1) window.cut.push(text);
+        return fillText.call(this, text, x, y, ...rest);
+      };
+    };
+    const { page, close } = await open(name, { width, before: watching });
+    await page.waitForTimeout(300);
+    const { cut, drawn } = await page.evaluate(() => ({ cut: window.cut, drawn: window.drawn }));
+    check(`${name} at ${width}: labels of charts are whole`, drawn > 20 && cut.length === 0, [drawn, cut]);
+    const lines = await page.evaluate(() => [...document.querySelectorAll("#suspects li > :first-child")].map((word) => {
+      const range = document.createRange();
+      range.selectNodeContents(word);
+      return [word.textContent, range.getClientRects().length];
+    }));
+    check(`${name} at ${width}: kinds of suspicious samples stand on one line`, (lines.length > 0) === (name === "spiked") && lines.every(([, count]) => count === 1), lines);
+    await close();
+  }
+}
+
 // Narrow and wide, light and dark.
 for (const name of Object.keys(pages)) {
   const colours = new Set();

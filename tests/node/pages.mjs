@@ -34,8 +34,19 @@ export function makePages(program, folder) {
   markers.forEach((marker, k) => {
     lines[0] = lines[0].replaceAll(new RegExp(`${marker}-([xyz]) \\(mm\\)`, "g"), (_, axis) => `"${HOSTILE[k].replaceAll('"', '""')}-${axis} (mm)"`);
   });
+  // a spike and an excursion, and a label of wide letters
+  const spiked = readFileSync(at("walk-truth.csv"), "utf8").split("\n");
+  const column = spiked[0].split(",").findIndex((name) => name.startsWith("LKNE-x"));
+  [500, ...Array.from({ length: 12 }, (_, k) => 700 + k)].forEach((row) => {
+    const cells = spiked[row].split(",");
+    cells[column] = String(Number(cells[column]) + 180);
+    spiked[row] = cells.join(",");
+  });
+  spiked[0] = spiked[0].replaceAll("RKNE-", "WMWMWMWM-");
+  writeFileSync(at("spiked.csv"), spiked.join("\n"));
+  repair("spiked", "spiked.csv", "--method", "linear", "--rate", "120", "--units", "mm", "--missing", "WMWMWMWM:100-140");
   const hostile = "<img src=x onerror=document.title='owned'>.csv";
   writeFileSync(at(hostile), lines.join("\n"));
   repair("hostile", hostile, "--method", "spline", "--rate", "120", "--units", "mm");
-  return Object.fromEntries(["walk", "complete", "occluded", "single", "hostile"].map((name) => [name, { path: at(`${name}.html`), bytes: statSync(at(`${name}.html`)).size }]));
+  return Object.fromEntries(["walk", "complete", "occluded", "single", "spiked", "hostile"].map((name) => [name, { path: at(`${name}.html`), bytes: statSync(at(`${name}.html`)).size }]));
 }
