@@ -1,7 +1,7 @@
 // Makes the pages that are looked at, with the program itself.
 
 import { execFileSync } from "node:child_process";
-import { mkdirSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
+import { mkdirSync, readFileSync, readdirSync, statSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 
 /** Names that would do harm if any of them became markup or code. */
@@ -18,8 +18,8 @@ function run(program, ...words) {
 
 /** Path and size of each page, by name. */
 export function makePages(program, folder) {
-  rmSync(folder, { recursive: true, force: true });
   mkdirSync(folder, { recursive: true });
+  if (readdirSync(folder).length > 0) throw new Error(`${folder} is not empty: name a new folder`);
   const at = (name) => join(folder, name);
   run(program, "demo", "-o", folder);
   const repair = (name, input, ...options) => run(program, at(input), "-o", at(`${name}-repaired.csv`), "--report", at(`${name}.html`), ...options);

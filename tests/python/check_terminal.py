@@ -73,8 +73,7 @@ def fits(text, columns):
 
 def main():
     program, folder = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
-    shutil.rmtree(folder, ignore_errors=True)
-    os.makedirs(folder)
+    os.makedirs(folder)  # one that is there is somebody's
     # long enough to be seen, on a quick machine too: what ends within a few redraws shows nothing of its steps
     subprocess.run([program, "demo", "-o", ".", "--frames", "2400"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
     repair = [program, "walk-gaps.c3d", "-o", "out.c3d", "--force"]
