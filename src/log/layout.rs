@@ -83,7 +83,9 @@ fn titled(title: &str, mut config: Value) -> Value {
 fn space(about: &About, shown: &Shown<'_>) -> Value {
     let turned = axes::transform(about.up).is_some();
     let (centre, size) = extent(about, shown);
-    let cloud = |size: u32| json!({ "visible": true, "colorMode": "rgba-fields", "pointShape": "circle", "pointSize": size });
+    // where no field is named, viewers choose a field and a mode of their own
+    let cloud =
+        |size: u32| json!({ "visible": true, "colorMode": "rgba-fields", "colorField": "red", "pointShape": "circle", "pointSize": size });
     titled(
         "Take",
         json!({
@@ -138,9 +140,9 @@ fn extent(about: &About, shown: &Shown<'_>) -> ([f64; 3], f64) {
 
 fn plot(x_path: Option<&str>, curves: &[Value]) -> Value {
     let mut config = json!({
-        "paths": curves, "showLegend": true, "legendDisplay": "floating", "showPlotValuesInLegend": false, "showXAxisLabels": true,
+        "paths": curves, "showLegend": curves.len() > 1, "legendDisplay": "left", "showPlotValuesInLegend": false, "showXAxisLabels": true,
         "showYAxisLabels": true, "isSynced": x_path.is_none(), "xAxisVal": if x_path.is_some() { "custom" } else { "timestamp" },
-        "sidebarDimension": 240
+        "sidebarDimension": 150
     });
     if let Some(path) = x_path {
         config["xAxisPath"] = json!({ "value": path, "enabled": true });

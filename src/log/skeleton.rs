@@ -52,27 +52,23 @@ pub(super) fn scene(time: Timestamp, look: &Look<'_>, bones: &[Bone]) -> SceneUp
 }
 
 /// Every bone whose two ends are known. A line runs from the colour of one end to that of the other.
+///
+/// Each line has two points of its own: viewers count lines by points, and would leave out those that indices make of fewer.
 fn lines(time: Timestamp, look: &Look<'_>, bones: &[Bone]) -> SceneEntity {
-    let mut points = Vec::with_capacity(look.samples.len());
-    let mut colors = Vec::with_capacity(look.samples.len());
-    // for each marker, its number among the points
-    let mut number = Vec::with_capacity(look.samples.len());
-    for sample in look.samples {
-        number.push(sample.position_mm.map(|_| points.len() as u32));
-        let Some(p) = sample.position_mm else { continue };
-        let [x, y, z] = metres(p);
-        points.push(Point3 { x, y, z });
-        colors.push(if sample.state == State::Filled { color(FILLED, 1.0) } else { color(OBSERVED, 0.6) });
-    }
+    let mut points = Vec::with_capacity(2 * bones.len());
+    let mut colors = Vec::new();
     // one colour for all takes less room
     let plain = look.samples.iter().all(|sample| sample.state != State::Filled);
-    let ends = |bone: &Bone| {
-        let [a, b] = look.ends(bone)?;
-        Some([number[a]?, number[b]?])
-    };
-    let indices: Vec<u32> = bones.iter().filter_map(ends).flatten().collect();
+    for [a, b] in bones.iter().filter_map(|bone| look.ends(bone)) {
+        let ends = [a, b].map(|end| &look.samples[end]);
+        let [Some(from), Some(to)] = ends.map(|sample| sample.position_mm) else { continue };
+        points.extend([from, to].map(metres).map(|[x, y, z]| Point3 { x, y, z }));
+        if !plain {
+            colors.extend(ends.map(|sample| if sample.state == State::Filled { color(FILLED, 1.0) } else { color(OBSERVED, 0.6) }));
+        }
+    }
     let mut entity = entity("skeleton", time);
-    if !indices.is_empty() {
+    if !points.is_empty() {
         entity.lines.push(LinePrimitive {
             r#type: line_primitive::Type::LineList.into(),
             pose: Some(IDENTITY),
@@ -80,8 +76,8 @@ fn lines(time: Timestamp, look: &Look<'_>, bones: &[Bone]) -> SceneEntity {
             scale_invariant: true,
             points,
             color: plain.then(|| color(OBSERVED, 0.6)),
-            colors: if plain { Vec::new() } else { colors },
-            indices,
+            colors,
+            indices: Vec::new(),
         });
     }
     entity
