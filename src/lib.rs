@@ -35,7 +35,7 @@ mod pattern;
 mod random;
 pub mod repair;
 pub mod report;
-mod runs;
+pub mod runs;
 pub mod solve;
 pub mod staging;
 pub mod suspects;

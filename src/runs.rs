@@ -1,7 +1,7 @@
 //! Runs: stretches of places of which the same is true.
 
 /// Maximal runs of places below `count` for which `holds`, in order, half-open.
-pub(crate) fn runs(count: usize, holds: impl Fn(usize) -> bool) -> Vec<(usize, usize)> {
+pub fn runs(count: usize, holds: impl Fn(usize) -> bool) -> Vec<(usize, usize)> {
     let mut found = Vec::new();
     let mut start = None;
     for place in 0..=count {

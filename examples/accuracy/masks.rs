@@ -4,6 +4,7 @@ use super::Case;
 use formats::Take;
 use mocap_repair::input::{Reading, open};
 use mocap_repair::repair::neighbours;
+use mocap_repair::runs::runs;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -106,11 +107,7 @@ pub fn cases(folder: &Path, motions: &BTreeMap<String, Take>, set: usize) -> Res
                 if hidden.iter().filter(|h| **h).count() as f64 > (1.0 - LEAST_SEEN) * frames as f64 {
                     continue;
                 }
-                let mut t = 0;
-                while let Some(start) = hidden[t..].iter().position(|h| *h).map(|k| t + k) {
-                    t = hidden[start..].iter().position(|h| !h).map_or(frames, |k| start + k);
-                    gaps.push([order[at], start, t - 1]);
-                }
+                gaps.extend(runs(frames, |t| hidden[t]).into_iter().map(|(start, end)| [order[at], start, end - 1]));
             }
             if !gaps.is_empty() {
                 cases.push(Case { motion: motion.clone(), kind: KIND.to_owned(), trial, gaps });
