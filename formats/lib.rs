@@ -20,6 +20,7 @@ pub mod motive;
 pub mod nexus;
 mod note;
 mod positions;
+pub mod rig;
 mod samples;
 mod take;
 mod text;
