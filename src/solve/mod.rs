@@ -7,6 +7,7 @@
 pub mod auto;
 pub mod body;
 pub(crate) mod forest;
+pub mod ik;
 pub mod interpolate;
 mod kernel;
 pub mod lds;
