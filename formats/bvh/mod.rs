@@ -5,7 +5,7 @@
 //!
 //! | file | holds |
 //! | --- | --- |
-//! | `scan` | bytes → words, numbers, lines |
+//! | `scan` | bytes → words, lines |
 //! | `hierarchy` | the text before MOTION → the skeleton |
 //! | `motion` | the text behind it → rows |
 //! | `kinematics` | a row → where every joint is |
