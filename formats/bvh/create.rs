@@ -12,7 +12,7 @@ use std::io::{self, Write};
 /// The name of the root, before its unit.
 const ROOT: &str = "origin_";
 /// Names without blanks and brackets, not empty, and no two the same.
-const NAMES: Spelling = Spelling {
+pub(super) const NAMES: Spelling = Spelling {
     odd: |c| c.is_whitespace() || c.is_control() || matches!(c, '{' | '}'),
     odd_are: "blanks, brackets or control characters",
     trimmed: false,

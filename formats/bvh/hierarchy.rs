@@ -13,7 +13,7 @@ const LONGEST_NAME: usize = 1000;
 
 /// What a channel moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Channel {
+pub(crate) enum Channel {
     /// Along an axis: 0 = x, 1 = y, 2 = z.
     Position(usize),
     /// About an axis, in degrees.
@@ -39,7 +39,7 @@ impl Channel {
 
 /// A joint or an end site.
 #[derive(Clone, Debug)]
-pub(super) struct Node {
+pub(crate) struct Node {
     /// The name as written; end sites get one.
     pub label: String,
     /// The joint that it hangs on, which comes earlier.

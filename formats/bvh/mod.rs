@@ -5,28 +5,34 @@
 //!
 //! | file | holds |
 //! | --- | --- |
-//! | `scan` | bytes → words, numbers, lines |
+//! | `scan` | bytes → words, lines |
 //! | `hierarchy` | the text before MOTION → the skeleton |
 //! | `motion` | the text behind it → rows |
 //! | `kinematics` | a row → where every joint is |
 //! | `fit` | where joints shall be → a row |
 //! | `style` | how numbers are written |
 //! | `save`, `create` | the way back |
+//! | `skeleton_out`, `euler` | states of a [rig](crate::rig) → a new file |
 
 mod create;
+mod euler;
 mod fit;
 mod hierarchy;
 mod kinematics;
 mod motion;
 mod save;
 mod scan;
+mod skeleton_out;
 mod style;
 
 use crate::{Document, Format, FormatError, FormatInfo, Leeway, Match, Note, Notes, Origin, Place, Stated, Take, TakeBuilder, Unit};
+pub use euler::Order;
 use hierarchy::Skeleton;
+pub(crate) use hierarchy::{Channel, Node};
 use kinematics::Positions;
 use motion::{Head, Rows};
 use scan::Cursor;
+pub use skeleton_out::{Motion, State, write_motion};
 use std::io::Write;
 use style::Style;
 
@@ -102,6 +108,14 @@ impl Format for Bvh {
     fn create(&self, take: &Take, out: &mut dyn Write, notes: &Notes) -> Result<(), FormatError> {
         create::create(take, out, notes)
     }
+}
+
+/// The joints and end sites of a file, whatever its motion is.
+///
+/// # Errors
+/// The text before MOTION is malformed, or has too many joints.
+pub(crate) fn joints(bytes: &[u8]) -> Result<Vec<Node>, FormatError> {
+    Ok(Skeleton::read(&mut Cursor::new(bytes))?.nodes)
 }
 
 /// The unit in which a skeleton has a likely size: OFFSETs tell, or the first frame where they are all 0.

@@ -1,7 +1,31 @@
 //! Rigs: a skeleton, the surface of a body, which joint moves which vertex, and how far joints turn. Kineben's files, and what becomes of them.
 //!
 //! These are no takes, so they are no [`Format`](crate::Format)s: each file is read by a function of its own.
-//! Lengths are in the unit of the file; angles are radians.
+//! Lengths are in the unit of the file; angles are radians. `docs/formats/rig.md` says what is read, written and assumed.
+//!
+//! | file | holds |
+//! | --- | --- |
+//! | `words` | bytes → words, numbers, lines |
+//! | `records` | what skeletons and limits have in common |
+//! | `off` | surfaces and clouds of points |
+//! | `skl` | skeletons |
+//! | `cst` | limits |
+//! | `vj` | which joint moves which vertex |
+//! | `from_bvh` | the hierarchy of a BVH file → a skeleton |
+
+mod cst;
+mod from_bvh;
+mod off;
+mod records;
+mod skl;
+mod vj;
+mod words;
+
+pub use cst::{AngleUnit, read_limits, write_limits};
+pub use from_bvh::skeleton_of_bvh;
+pub use off::{read_mesh, write_mesh};
+pub use skl::{read_skeleton, write_skeleton};
+pub use vj::{read_parts, write_parts};
 
 /// How a joint moves, against its parent.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -110,3 +134,6 @@ pub struct Mesh {
     /// Triangles, each three places in `vertices`, anticlockwise seen from outside.
     pub faces: Vec<[u32; 3]>,
 }
+
+#[cfg(test)]
+mod tests;

@@ -97,9 +97,15 @@ impl Spelling {
     }
 }
 
+/// Labels as a format can hold them.
+pub(crate) struct Spelled {
+    /// All of them, in their order.
+    pub labels: Vec<String>,
+    /// What was changed and why, as a sentence; `None` if nothing was.
+    pub told: Option<String>,
+}
+
 /// The labels of these columns as a format can hold them; what was changed is noted.
-///
-/// A changed label is unlike all others of the file, and unlike `reserved`. A label that need not be changed keeps its name before others get it.
 pub(crate) fn labels(
     info: &FormatInfo,
     spelling: &Spelling,
@@ -108,12 +114,24 @@ pub(crate) fn labels(
     reserved: &[String],
     notes: &Notes,
 ) -> Vec<String> {
+    let all: Vec<(usize, &str)> =
+        columns.iter().map(|&column| (column, take.markers.get(column).map_or("", |m| m.label.as_str()))).collect();
+    let spelled = spelled(spelling, &all, reserved, "labels");
+    if let Some(told) = spelled.told {
+        notes.changed(info, told);
+    }
+    spelled.labels
+}
+
+/// Labels, each with its place in the take, as a format can hold them. `what` they are is said where they change.
+///
+/// A changed label is unlike all others of the file, and unlike `reserved`. A label that need not be changed keeps its name before others get it.
+pub(crate) fn spelled(spelling: &Spelling, all: &[(usize, &str)], reserved: &[String], what: &str) -> Spelled {
     let mut why = Vec::new();
     let mut taken: BTreeSet<String> = reserved.iter().cloned().collect();
     // the label, and whether it may stay as it is
-    let mut labels: Vec<(String, bool)> = Vec::with_capacity(columns.len());
-    for &column in columns {
-        let label = take.markers.get(column).map_or("", |m| m.label.as_str());
+    let mut labels: Vec<(String, bool)> = Vec::with_capacity(all.len());
+    for &(column, label) in all {
         let spelled = spelling.spell(column, label, &mut why);
         let same = spelled == label;
         let stays = same && (taken.insert(spelled.clone()) || !spelling.unique);
@@ -134,11 +152,9 @@ pub(crate) fn labels(
         }
         changed.push(label.clone());
     }
-    if !changed.is_empty() {
-        let why = why.join(" or ");
-        notes.changed(info, format!("{} labels that {why} were changed: now called {}", changed.len(), listed(&changed)));
-    }
-    labels.into_iter().map(|(label, _)| label).collect()
+    let told = (!changed.is_empty())
+        .then(|| format!("{} {what} that {} were changed: now called {}", changed.len(), why.join(" or "), listed(&changed)));
+    Spelled { labels: labels.into_iter().map(|(label, _)| label).collect(), told }
 }
 
 /// A position in the take's unit, as it is written into a new table. One at exactly `0 0 0` is moved by a millionth of the unit,

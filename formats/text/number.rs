@@ -218,6 +218,59 @@ fn plain(text: &[u8]) -> Option<Plain> {
     Some(Plain { value: if negative { -value } else { value }, sign, decimals })
 }
 
+/// The finite number that `text` is, correctly rounded. `nan`, `inf` and decimal commas are none.
+pub(crate) fn finite(text: &[u8]) -> Option<f64> {
+    match leading(text) {
+        Some((value, [])) => Some(value),
+        _ => None,
+    }
+}
+
+/// The finite number that `text` begins with, correctly rounded, and the text behind it, which is empty or begins with white space or `#`.
+pub(crate) fn leading(text: &[u8]) -> Option<(f64, &[u8])> {
+    let (negative, mut rest) = match text {
+        [b'-', rest @ ..] => (true, rest),
+        [b'+', rest @ ..] | rest => (false, rest),
+    };
+    // as in `plain`: both are exact, so one division rounds correctly
+    let (mut whole, mut digits, mut decimals, mut point) = (0_u64, 0_usize, 0_usize, false);
+    loop {
+        match rest {
+            [b @ b'0'..=b'9', behind @ ..] if whole < LARGEST_EXACT / 16 => {
+                whole = whole * 10 + u64::from(b - b'0');
+                digits += 1;
+                decimals += usize::from(point);
+                rest = behind;
+            }
+            [b'.', behind @ ..] if !point => {
+                point = true;
+                rest = behind;
+            }
+            _ => break,
+        }
+    }
+    match POWERS_OF_TEN.get(decimals) {
+        Some(power) if digits > 0 && rest.first().is_none_or(|&b| ends_number(b)) => {
+            let value = whole as f64 / power;
+            Some((if negative { -value } else { value }, rest))
+        }
+        _ => slow_leading(text),
+    }
+}
+
+/// Exponents, and more digits than are exact.
+#[cold]
+fn slow_leading(text: &[u8]) -> Option<(f64, &[u8])> {
+    let end = text.iter().position(|&b| ends_number(b)).unwrap_or(text.len());
+    let (number, rest) = text.split_at_checked(end)?;
+    let plain = number.iter().all(|b| matches!(b, b'0'..=b'9' | b'+' | b'-' | b'.' | b'e' | b'E'));
+    parse(number).filter(|value| plain && value.is_finite()).map(|value| (value, rest))
+}
+
+fn ends_number(b: u8) -> bool {
+    matches!(b, b' ' | b'\t'..=b'\r' | b'#')
+}
+
 /// A finite number with a decimal point or comma, as headers have it.
 pub(crate) fn decimal(text: &str) -> Option<f64> {
     text.replace(',', ".").parse().ok().filter(|x: &f64| x.is_finite())
@@ -345,6 +398,65 @@ mod tests {
         assert!(compared > 150_000, "{compared}");
         for odd in ["", "-", "+", ".", "-.", "1e3", "1.2.3", "1 2", "nan", "12345678901234567890", "99999999999999999"] {
             assert!(plain(odd.as_bytes()).is_none(), "{odd}");
+        }
+    }
+
+    #[test]
+    fn finite_numbers_are_what_the_library_reads() {
+        for text in [
+            "0",
+            "-0.0",
+            "1",
+            "+1.5",
+            ".0083333",
+            "5.",
+            "-3.55271e-015",
+            "1E3",
+            "0.1",
+            "123456789.123456789",
+            "9007199254740993",
+            "0.0417083750417",
+            "12345678901234567890",
+            "1e-320",
+            "0.000000000000000000000000001",
+            "000000000000000000000000000001.5",
+            "179.99999999999997",
+        ] {
+            let (ours, library) = (finite(text.as_bytes()).unwrap(), text.parse::<f64>().unwrap());
+            assert_eq!(ours.to_bits(), library.to_bits(), "{text}");
+        }
+        for text in ["", "-", ".", "+-1", "nan", "inf", "1e999", "1,5", "1.2.3", "--1", "1e", "<<<<<<<", "-1.#IND00", "1 ", " 1", "1#"] {
+            assert_eq!(finite(text.as_bytes()), None, "{text}");
+        }
+        for (text, value, rest) in [("1 2", 1.0, " 2"), ("-.5#x", -0.5, "#x"), ("1e2\r\n", 100.0, "\r\n"), ("7\t", 7.0, "\t")] {
+            assert_eq!(leading(text.as_bytes()), Some((value, rest.as_bytes())), "{text}");
+        }
+    }
+
+    #[test]
+    fn random_finite_numbers_are_what_the_library_reads() {
+        let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+        let mut random = |below: u64| {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            (state >> 20) % below
+        };
+        for _ in 0..200_000 {
+            let digits = random(22) + 1;
+            let point = random(digits + 2);
+            let mut text = ["", "-", "+", "0"][random(4) as usize].to_owned();
+            for at in 0..digits {
+                if at == point {
+                    text.push('.');
+                }
+                text.push(char::from(b'0' + random(10) as u8));
+            }
+            if random(5) == 0 {
+                text = format!("{text}e{}", random(40) as i64 - 20);
+            }
+            let library: f64 = text.parse().unwrap();
+            assert_eq!(finite(text.as_bytes()).unwrap().to_bits(), library.to_bits(), "{text}");
         }
     }
 
