@@ -15,6 +15,7 @@ mod meter;
 mod method;
 pub mod msvd;
 mod problem;
+pub mod track;
 
 pub use meter::Meter;
 pub use method::{Method, Settings, Solved, Stage};
