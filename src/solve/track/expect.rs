@@ -24,6 +24,8 @@ pub struct Mixture {
     pub outlier: f64,
     /// The least cosine between the normals of a point and its vertex.
     pub cosine: f64,
+    /// How far vertices are apart, cm.
+    pub spacing_cm: f64,
     /// How many standard deviations away a part still counts.
     pub reach: f64,
 }
@@ -122,8 +124,9 @@ fn chunk(
 ) -> Chunk {
     let joints = body.tree.joints();
     let mut chunk = Chunk { mass: vec![0.0; joints], squares: vec![0.0; joints], ..Chunk::default() };
-    let within = (mixture.reach * mixture.sigma_cm).powi(2);
+    let within = mixture.reach.powi(2) * (mixture.sigma_cm.powi(2) + mixture.spacing_cm.powi(2));
     let scale = -0.5 / (mixture.sigma_cm * mixture.sigma_cm);
+    let scale_along = -0.5 / (mixture.sigma_cm * mixture.sigma_cm + mixture.spacing_cm * mixture.spacing_cm);
     let peak = -1.5 * (std::f64::consts::TAU * mixture.sigma_cm * mixture.sigma_cm).ln() - ((parts.len() + 1) as f64).ln();
     let mut near: Vec<(usize, u32, f64, f64)> = Vec::new();
     for (at, hints) in hints.chunks_exact_mut(joints).enumerate() {
@@ -132,12 +135,14 @@ fn chunk(
         let mut sum = mixture.outlier;
         for &part in parts {
             let rigid = &posed[part];
-            let query =
-                Query { point: rigid.back(&point), normal: rigid.rotation.tr_mul(&normal), cosine: mixture.cosine, within };
+            let query = Query { point: rigid.back(&point), normal: rigid.rotation.tr_mul(&normal), cosine: mixture.cosine, within };
             let hint = Some(hints[part]).filter(|&hint| hint != NONE);
             if let Some(found) = nearest.nearest(part, &query, hint) {
                 hints[part] = found.vertex;
-                let kernel = (found.square * scale).exp();
+                let name = found.vertex as usize;
+                let off = (query.point - body.vertices[name]).dot(&body.normals[name]);
+                let across = off * off;
+                let kernel = (across * scale + (found.square - across) * scale_along).exp();
                 sum += kernel;
                 near.push((part, found.vertex, found.square, kernel));
             }

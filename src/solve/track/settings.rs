@@ -35,6 +35,8 @@ pub struct Settings {
     pub pull: f64,
     /// The weight of joint limits, against that of the data of their joints; 1 and no data with [`Method::Report`].
     pub limit: f64,
+    /// How far vertices are apart, cm.
+    pub spacing_cm: f64,
     /// How many standard deviations away a part still counts.
     pub reach: f64,
 }
@@ -54,11 +56,12 @@ impl Settings {
             prediction: 0.9,
             pull: 1e-3,
             limit: 1.0,
+            spacing_cm: 1.0,
             reach: 4.0,
         };
         match method {
             Method::Planes => planes,
-            Method::Report => Self { sigma_end_cm: 0.05, rounds: 10, along: 1.0, prediction: 0.0, pull: 0.0, ..planes },
+            Method::Report => Self { sigma_end_cm: 0.05, rounds: 10, along: 1.0, spacing_cm: 0.0, prediction: 0.0, pull: 0.0, ..planes },
         }
     }
 }

@@ -137,7 +137,13 @@ impl<'a> Tracker<'a> {
                 let way = f64::from(round) / f64::from(settings.rounds.max(2) - 1);
                 sigma_cm = settings.sigma0_cm * (settings.sigma_end_cm / settings.sigma0_cm).powf(way);
             }
-            let mixture = Mixture { sigma_cm, outlier: settings.outlier, cosine: settings.cosine, reach: settings.reach };
+            let mixture = Mixture {
+                sigma_cm,
+                outlier: settings.outlier,
+                cosine: settings.cosine,
+                spacing_cm: settings.spacing_cm,
+                reach: settings.reach,
+            };
             expectation.step(body, self.nearest.as_ref(), cloud, &posed.parts, &mixture);
             let found = &expectation.found;
             let at = At { tree, pose, posed };
