@@ -21,7 +21,7 @@ pub use gauss_newton::{GaussNewton, Solved};
 pub use normal::Normal;
 pub use pose::{Pose, Posed, Rigid, State};
 pub use terms::Term;
-pub use tree::{Link, Tree};
+pub use tree::{Link, Motion, Tree};
 
 use nalgebra::Vector3;
 
