@@ -9,6 +9,7 @@ mod c3d;
 #[path = "../../formats/fuzz/checks.rs"]
 #[allow(dead_code)] // the fuzz targets use the rest
 mod checks;
+mod kineben;
 mod survey;
 mod tables;
 mod text;
@@ -203,6 +204,14 @@ fn main() {
         ));
     }
     suite("bvh", tests);
+    let mut tests = Vec::new();
+    for (name, clouds) in kineben::SEQUENCES {
+        let path = folder.join("data/kineben").join(name);
+        if path.exists() {
+            tests.push(Trial::test(format!("kineben/{name}"), move || kineben::sequence(&path, clouds)));
+        }
+    }
+    suite("rig", tests);
     let mut tests = Vec::new();
     if !rows.is_empty() {
         let (data, rows) = (folder.join("data"), rows.clone());
