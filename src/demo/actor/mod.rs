@@ -8,11 +8,14 @@
 //!
 //! - `figure`: measures, joints and limits; `flesh` and `net`: the surface around them; `body`: how it hangs on the bones
 //! - `posture`, `motion`: what the actor does; `pose`: where that puts everything
-//! - `scan`: points of the surface
+//! - `scan`: points of the surface; `camera`: silhouettes and depths; `hull`: what silhouettes leave; `markers`: labelled points of the skin
 
 mod body;
+mod camera;
 mod figure;
 mod flesh;
+mod hull;
+mod markers;
 mod motion;
 mod net;
 mod pose;
@@ -21,6 +24,8 @@ mod scan;
 #[cfg(test)]
 mod tests;
 
+pub use camera::Camera;
+pub use markers::{MarkerOptions, SkinMarker};
 pub use motion::Motion;
 pub use pose::ActorPose;
 pub use scan::ScanOptions;

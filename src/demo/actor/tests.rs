@@ -230,3 +230,95 @@ fn noise_holes_and_outliers_are_as_stated() {
     let share = stray.vertices.iter().filter(far).count() as f64 / 4000.0;
     assert!((0.03..0.09).contains(&share), "{share}");
 }
+
+#[test]
+fn a_hull_contains_the_body_and_more() {
+    let pose = ACTOR.pose(Motion::Gym, 1.5);
+    let (vertices, _) = ACTOR.surface(&pose);
+    let body = litres(&vertices, &ACTOR.mesh.faces);
+    let mut volumes = Vec::new();
+    for cameras in [8, 4] {
+        let hull = ACTOR.hull(&pose, &Camera::ring(cameras, Motion::Gym.stage()), 2.5);
+        assert_eq!(hull.vertices.len(), hull.normals.len());
+        for &vertex in vertices.iter().step_by(41) {
+            let vertex = vector(vertex);
+            let near = hull.vertices.iter().map(|&point| (vector(point) - vertex).norm()).fold(f64::INFINITY, f64::min);
+            // Half a cube and half a pixel may be carved away.
+            assert!(near < 3.5 || winding(&hull.vertices, &hull.faces, vertex) > 0.5, "{cameras} cameras: {vertex} is outside");
+        }
+        let faces = net::normals(&hull.vertices, &hull.faces);
+        let agree: f64 = faces.iter().zip(&hull.normals).map(|(&a, &b)| vector(a).dot(&vector(b))).sum::<f64>() / faces.len() as f64;
+        assert!(agree > 0.85, "normals of the cubes and of the faces: {agree}");
+        volumes.push(litres(&hull.vertices, &hull.faces));
+    }
+    assert!(volumes[0] > body * 0.98 && volumes[0] < body * 1.35, "{volumes:?} l of {body} l");
+    assert!(volumes[1] > volumes[0] * 1.05, "fewer cameras leave more phantoms: {volumes:?}");
+}
+
+#[test]
+fn a_depth_camera_sees_the_front_only() {
+    let pose = ACTOR.pose(Motion::Gym, 4.2);
+    let camera = Camera::depth(Motion::Gym.stage());
+    let (vertices, normals) = ACTOR.surface(&pose);
+    let cloud = ACTOR.depth(&pose, 0, &camera, 0.0);
+    assert!((1500..6000).contains(&cloud.vertices.len()), "{} points", cloud.vertices.len());
+    let eye = vector(camera.eye);
+    for (&point, &normal) in cloud.vertices.iter().zip(&cloud.normals) {
+        assert!(vector(normal).dot(&(vector(point) - eye)) < 1e-9);
+    }
+    let corners = |face: &[u32; 3]| face.map(|k| vector(vertices[k as usize]));
+    for &point in cloud.vertices.iter().step_by(61) {
+        // Nothing crosses the ray before the point (Möller and Trumbore, 1997).
+        let ray = vector(point) - eye;
+        let first = ACTOR.mesh.faces.iter().map(corners).filter_map(|[a, b, c]| {
+            let (u, v) = (b - a, c - a);
+            let determinant = u.dot(&ray.cross(&v));
+            let from = eye - a;
+            let (x, y) = (from.dot(&ray.cross(&v)) / determinant, ray.dot(&from.cross(&u)) / determinant);
+            (x >= 0.0 && y >= 0.0 && x + y <= 1.0).then(|| v.dot(&from.cross(&u)) / determinant)
+        });
+        let first = first.filter(|&share| share > 0.0).fold(f64::INFINITY, f64::min);
+        assert!((first - 1.0).abs() < 1e-3, "the surface is at {first} of the way");
+    }
+    let hidden = vertices.iter().zip(&normals).filter(|&(&at, &out)| vector(out).dot(&(vector(at) - eye)) > 0.0).count();
+    assert!(hidden > vertices.len() / 3, "much of a body is turned away");
+    let noisy = ACTOR.depth(&pose, 0, &camera, 0.2);
+    let error = cloud.vertices.iter().zip(&noisy.vertices).map(|(&a, &b)| (vector(a) - vector(b)).norm_squared()).sum::<f64>();
+    let error = (error / cloud.vertices.len() as f64).sqrt();
+    assert!((0.14..0.24).contains(&error), "{error} cm at about 2.7 m");
+}
+
+#[test]
+fn markers_are_on_the_skin_and_hidden_as_asked() {
+    let map = ACTOR.marker_map();
+    assert_eq!(map.len(), 41);
+    assert_eq!((map[0].name.as_str(), map[7].name.as_str(), map[40].name.as_str()), ("torso_0", "head_0", "r_foot_2"));
+    for marker in &map {
+        assert_eq!(ACTOR.parts[marker.vertex], marker.joint);
+        assert!(map.iter().all(|other| other == marker || other.vertex != marker.vertex));
+    }
+    let poses = ACTOR.poses(Motion::Walk, 300, 30.0);
+    let all = ACTOR.markers(&poses, &MarkerOptions::default());
+    for (frame, pose) in all.iter().zip(&poses).step_by(50) {
+        for (sample, marker) in frame.iter().zip(&map) {
+            assert!((vector(sample.unwrap()) - vector(ACTOR.vertex(pose, marker.vertex))).norm() < 0.4);
+        }
+    }
+    for (hidden, gap_frames) in [(0.3, 1), (0.2, 25)] {
+        let some = ACTOR.markers(&poses, &MarkerOptions { hidden, gap_frames, ..MarkerOptions::default() });
+        let (mut gone, mut gaps) = (0.0, 0.0);
+        for marker in 0..41 {
+            for frame in 0..300 {
+                if some[frame][marker].is_none() {
+                    gone += 1.0;
+                    gaps += if frame == 0 || some[frame - 1][marker].is_some() { 1.0 } else { 0.0 };
+                } else {
+                    assert_eq!(some[frame][marker], all[frame][marker], "what is seen does not depend on what is hidden");
+                }
+            }
+        }
+        let share: f64 = gone / (41.0 * 300.0);
+        assert!((share - hidden).abs() < 0.08, "{share} of {hidden}");
+        assert!(if gap_frames == 1 { gone / gaps < 2.0 } else { (15.0..35.0).contains(&(gone / gaps)) }, "{} frames", gone / gaps);
+    }
+}
