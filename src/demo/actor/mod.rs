@@ -9,10 +9,12 @@
 //! - `figure`: measures, joints and limits; `flesh` and `net`: the surface around them; `body`: how it hangs on the bones
 //! - `posture`, `motion`: what the actor does; `pose`: where that puts everything
 //! - `scan`: points of the surface; `camera`: silhouettes and depths; `hull`: what silhouettes leave; `markers`: labelled points of the skin
+//! - `files`: all of it in a folder
 
 mod body;
 mod camera;
 mod figure;
+mod files;
 mod flesh;
 mod hull;
 mod markers;
@@ -25,6 +27,7 @@ mod scan;
 mod tests;
 
 pub use camera::Camera;
+pub use files::{BodyOptions, write_body};
 pub use markers::{MarkerOptions, SkinMarker};
 pub use motion::Motion;
 pub use pose::ActorPose;

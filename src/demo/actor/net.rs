@@ -170,6 +170,7 @@ pub(super) fn triangles(vertices: &[Vector3<f64>], quads: &[[u32; 4]]) -> Vec<[u
 }
 
 /// True if every edge has exactly two faces, which pass it in opposite directions.
+#[cfg(test)]
 pub(super) fn is_closed(faces: &[[u32; 3]]) -> bool {
     let mut edges: Vec<(u32, u32)> = faces.iter().flat_map(|&[a, b, c]| [(a, b), (b, c), (c, a)]).collect();
     edges.sort_unstable();
