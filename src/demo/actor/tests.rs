@@ -128,7 +128,7 @@ fn motions_are_possible() {
                     let state = pose.states[joint];
                     match limit {
                         Some(Limit::Revolute { least, most }) => {
-                            assert!((*least..=*most).contains(&state[0]), "{}: {}", place(joint), state[0])
+                            assert!((*least..=*most).contains(&state[0]), "{}: {}", place(joint), state[0]);
                         }
                         Some(Limit::Ball { heading, heading_most, bank, bank_most }) => {
                             let turn = Rotation3::new(vector(state));
@@ -150,6 +150,35 @@ fn motions_are_possible() {
                     let lowest = actor.surface(pose).0.iter().map(|vertex| vertex[1]).fold(f64::INFINITY, f64::min);
                     assert!((-5.0..35.0).contains(&lowest), "{}: {lowest} cm above the floor", place(0));
                 }
+            }
+        }
+    }
+}
+
+/// A rigid skeleton in the states of a pose has its legs where the truth has them, and its arms and head but for the bend of the back.
+#[test]
+fn states_put_a_rigid_skeleton_where_the_body_is() {
+    let joints = &ACTOR.skeleton.joints;
+    for motion in [Motion::Walk, Motion::Gym] {
+        for pose in ACTOR.poses(motion, 40, 5.0) {
+            let truth = ACTOR.joints(&pose);
+            let mut placed: Vec<(Rotation3<f64>, Vector3<f64>)> = Vec::new();
+            for (index, (joint, state)) in joints.iter().zip(&pose.states).enumerate() {
+                let (turned, centre) = match joint.parent {
+                    Some(parent) => {
+                        let offset = vector(joint.centre) - vector(joints[parent].centre);
+                        (placed[parent].0, placed[parent].1 + placed[parent].0 * offset)
+                    }
+                    None => (Rotation3::identity(), vector(joint.centre)),
+                };
+                placed.push(match joint.kind {
+                    JointKind::Translate => (turned, centre + vector(*state)),
+                    JointKind::Ball => (turned * Rotation3::new(vector(*state)), centre),
+                    JointKind::Revolute { axis } => (turned * Rotation3::new(vector(axis) * state[0]), centre),
+                });
+                let error = (placed[index].1 - vector(truth[index])).norm();
+                let bound = if (figure::HEAD..figure::LEG[0]).contains(&index) { 8.0 } else { 1e-6 };
+                assert!(error < bound, "{motion:?}, {}: {error} cm", joint.name);
             }
         }
     }
