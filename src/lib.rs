@@ -9,6 +9,7 @@
 //! - [`suspects`]: samples that no body makes
 //! - [`solve`]: problems, solvers, the loop, and its observers
 //! - [`log`]: observers that write: the MCAP log, the progress line
+//! - [`rig`], [`track`]: a body with a skeleton, and how it is followed through clouds of points
 //! - [`fills`], [`report`], [`explain`], [`inspect`]: what is told afterwards, or beforehand
 //! - [`page`]: the report to look at, one HTML file
 //! - [`staging`], [`verify`]: files appear whole or not at all, and only after they were proven
@@ -35,9 +36,11 @@ mod pattern;
 mod random;
 pub mod repair;
 pub mod report;
+pub mod rig;
 pub mod runs;
 pub mod solve;
 pub mod staging;
 pub mod suspects;
+pub mod track;
 pub mod typeset;
 pub mod verify;

@@ -12,7 +12,7 @@ use formats::{Document, Format, Leeway, Notes, Origin, Role, Stated, Take};
 /// A promise that the written file does not keep.
 #[derive(Debug, thiserror::Error)]
 #[error("the written file does not keep what was promised: {0}; nothing was put in place, please report this")]
-pub struct Broken(String);
+pub struct Broken(pub(crate) String);
 
 /// By how much of the unit a new file may move a sample away from 0 0 0.
 const NOT_THE_ORIGIN: f64 = 1.01e-6;

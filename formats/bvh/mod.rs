@@ -32,7 +32,7 @@ pub(crate) use hierarchy::{Channel, Node};
 use kinematics::Positions;
 use motion::{Head, Rows};
 use scan::Cursor;
-pub use skeleton_out::{Motion, State, write_motion};
+pub use skeleton_out::{Motion, State, motion_joints, write_motion};
 use std::io::Write;
 use style::Style;
 

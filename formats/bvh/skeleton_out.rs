@@ -60,6 +60,8 @@ pub struct Motion<'a> {
 /// A joint of the file.
 struct Out {
     name: String,
+    /// Its place in the skeleton.
+    joint: usize,
     /// How many joints it is below the root.
     depth: usize,
     offset: [f64; 3],
@@ -108,6 +110,11 @@ pub fn write_motion(motion: &Motion<'_>, out: &mut dyn Write) -> Result<(), Form
         }
         Ok(())
     })
+}
+
+/// What [`write_motion`] calls the joints of the file, in its order, each with its place in [`Skeleton::joints`].
+pub fn motion_joints(motion: &Motion<'_>) -> Vec<(String, usize)> {
+    plan(motion).into_iter().map(|out| (out.name, out.joint)).collect()
 }
 
 /// Seconds with enough digits for any program to tell the rate, which may know nothing of rates that are simple numbers.
@@ -197,6 +204,7 @@ fn plan(motion: &Motion<'_>) -> Vec<Out> {
         let offset = if depth == 0 { [0.0; 3] } else { minus(place, from) };
         planned.push(Out {
             name: names.get(at).cloned().unwrap_or_default(),
+            joint: at,
             depth,
             offset,
             place: if depth == 0 { place } else { offset },

@@ -354,7 +354,7 @@ pub(super) fn names_file(option: &Arg, text: &str, folder: &Path) -> bool {
     }
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+pub(super) fn positive(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x.is_finite() && x > 0.0 => Ok(x),
         _ => Err("expected a number above 0".to_owned()),
@@ -375,7 +375,7 @@ fn method() -> impl TypedValueParser<Value = Method> {
 }
 
 /// A share of something, above 0 and at most 1.
-fn share(text: &str) -> Result<f64, String> {
+pub(super) fn share(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x > 0.0 && x <= 1.0 => Ok(x),
         _ => Err("expected a number above 0 and at most 1".to_owned()),

@@ -4,6 +4,7 @@
 mod args;
 mod config;
 mod man;
+mod track;
 
 use crate::bones;
 use crate::convert::convert;
@@ -17,6 +18,7 @@ use crate::repair::{RepairError, Request, neighbours, repair};
 use crate::report::lines;
 use crate::solve::auto::Stiffness;
 use crate::solve::{Method, Observer};
+use crate::track::track as track_clouds;
 use crate::typeset::{Style, Tone, settle_colours};
 use args::{BonesArg, ConvertArgs, DemoKind, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
@@ -27,6 +29,7 @@ use std::ffi::OsString;
 use std::io::{ErrorKind as ErrorKindIo, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use track::TrackArgs;
 
 const USAGE: &str = "\
 mocap-repair [OPTIONS] <IN> --output <OUT>
@@ -87,6 +90,9 @@ enum Command {
     /// Write a take in another format, unit or orientation, and say what that one cannot hold
     #[command(after_help = CONVERT_AFTER_HELP)]
     Convert(ConvertArgs),
+    /// Follow a body with a skeleton through clouds of points, one for each frame, and write its motion as BVH
+    #[command(after_help = track::AFTER_HELP)]
+    Track(Box<TrackArgs>),
     /// Take the layout for Foxglove or Lichtblick out of a log
     Layout(LayoutArgs),
     /// Make the report to look at from the log of a repair: one HTML file for any browser
@@ -161,6 +167,10 @@ fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
         }
         Some(Command::Bones { input, stated }) => print_bones(&input, &stated.reading()),
         Some(Command::Convert(args)) => run_convert(&args),
+        Some(Command::Track(args)) => {
+            heed();
+            run_track(&args, interrupt)
+        }
         Some(Command::Layout(args)) => written(log::extract_layout(&args.log, &args.output, args.force)),
         Some(Command::Report(args)) => written(page::report_of_log(&args.log, &args.output, args.force)),
         Some(Command::Demo { output, kind, frames, rate, seed, force }) => {
@@ -301,6 +311,26 @@ fn run_convert(args: &ConvertArgs) -> u8 {
         Err(error) => {
             // here --units is what is written
             fail(&error.to_string().replace("--units", "--from-units"), args.json);
+            1
+        }
+    }
+}
+
+fn run_track(args: &TrackArgs, interrupt: &AtomicBool) -> u8 {
+    let mut terminal = watching(args.quiet || args.json);
+    let tracked = track_clouds(&args.request(), &mut terminal, interrupt);
+    drop(terminal);
+    match tracked {
+        Ok(report) => {
+            if args.json {
+                print(&report.json());
+            } else if !args.quiet {
+                print(&report.text(&Style::of_stdout()));
+            }
+            report.exit_code()
+        }
+        Err(error) => {
+            fail(&error.to_string(), args.json);
             1
         }
     }

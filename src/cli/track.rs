@@ -1,0 +1,204 @@
+//! `mocap-repair track`: what can be typed, and what it asks for.
+
+use super::args::{positive, rate, share};
+use crate::compression;
+use crate::rig::{Length, RigFiles};
+use crate::solve::track::{Method, Settings};
+use crate::track::{Pattern, Request};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, ValueEnum};
+use formats::bvh::Order;
+use formats::rig::AngleUnit;
+use std::path::PathBuf;
+
+pub(super) const AFTER_HELP: &str = "\
+Exit codes:
+  0  every frame was followed
+  1  failed; no output was written
+  2  the command line was wrong
+  3  the output exists, but look at it: frames had no cloud, a part of the body was lost,
+     something was assumed, or there is no log";
+
+/// The files of a body, and what they do not say.
+#[derive(Debug, Args)]
+pub(super) struct RigArgs {
+    /// The skeleton: joints, how they move, and where they are in the reference pose
+    #[arg(long, value_name = "FILE.skl")]
+    skl: PathBuf,
+    /// The surface of the body in the reference pose
+    #[arg(long, value_name = "FILE.off")]
+    off: PathBuf,
+    /// Which joint moves which vertex of the surface
+    #[arg(long, value_name = "FILE.vj")]
+    vj: PathBuf,
+    /// How far joints move; without it they move as far as they like
+    #[arg(long, value_name = "FILE.cst")]
+    cst: Option<PathBuf>,
+    /// Unit of length of the body and of what is measured [default: by the size of the body]
+    #[arg(long, value_enum)]
+    unit: Option<UnitArg>,
+    /// Unit of the angles of --cst [default: deg if one of them is more than a whole turn of rad, else rad]
+    #[arg(long, value_enum, value_name = "UNIT", requires = "cst")]
+    cst_unit: Option<AngleArg>,
+    /// What the second angle of a ball joint in --cst limits: how far its second direction tilts, or how far the limb turns about itself
+    #[arg(long, value_enum, default_value = "cones", value_name = "HOW", requires = "cst")]
+    cst_ball: BallArg,
+}
+
+impl RigArgs {
+    pub fn files(&self) -> RigFiles {
+        RigFiles {
+            skeleton: self.skl.clone(),
+            surface: self.off.clone(),
+            parts: self.vj.clone(),
+            limits: self.cst.clone(),
+            unit: self.unit.map(|unit| match unit {
+                UnitArg::Mm => Length::Millimetre,
+                UnitArg::Cm => Length::Centimetre,
+                UnitArg::M => Length::Metre,
+                UnitArg::In => Length::Inch,
+            }),
+            angles: self.cst_unit.map(|unit| match unit {
+                AngleArg::Deg => AngleUnit::Degree,
+                AngleArg::Rad => AngleUnit::Radian,
+            }),
+            swing_twist: self.cst_ball == BallArg::SwingTwist,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum UnitArg {
+    Mm,
+    Cm,
+    M,
+    In,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum AngleArg {
+    Deg,
+    Rad,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum BallArg {
+    Cones,
+    SwingTwist,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum MethodArg {
+    /// Distances from the planes of the surface, with limits, prediction, and a search for lost limbs
+    Planes,
+    /// As Kineben's report has it
+    Report,
+}
+
+/// `mocap-repair track`.
+#[derive(Debug, Args)]
+pub(super) struct TrackArgs {
+    /// The clouds, one file for each frame: %d or %03d stands for its number
+    #[arg(value_name = "CLOUDS_%03d.off", value_parser = Pattern::parse)]
+    clouds: Pattern,
+    #[command(flatten)]
+    rig: RigArgs,
+    /// The BVH file to write; .zst behind its name compresses it
+    #[arg(short, long, value_name = "OUT.bvh")]
+    output: PathBuf,
+    /// The first frame [default: the first one that has a file]
+    #[arg(long, value_name = "FRAME")]
+    first: Option<u32>,
+    /// The last frame [default: the last one that has a file]
+    #[arg(long, value_name = "FRAME")]
+    last: Option<u32>,
+    /// Frames per second, which clouds do not say
+    #[arg(long, value_name = "HZ", default_value_t = 30.0, value_parser = rate)]
+    fps: f64,
+    /// How the body is followed
+    #[arg(long, value_enum, default_value = "planes")]
+    method: MethodArg,
+    /// How far from the surface points may be at the beginning of a frame: standard deviation, in cm [default: 4]
+    #[arg(long, value_name = "CM", value_parser = positive)]
+    sigma0: Option<f64>,
+    /// The least cosine of the angle between the normals of a point and of the surface [default: 0.6]
+    #[arg(long, value_name = "COSINE", value_parser = cosine, allow_negative_numbers = true, conflicts_with = "normal_angle")]
+    nthresh: Option<f64>,
+    /// The same as the largest angle, in degrees
+    #[arg(long, value_name = "DEG", value_parser = angle)]
+    normal_angle: Option<f64>,
+    /// How readily points are left out that belong to nothing: more leaves out more [default: 0.1]
+    #[arg(long, value_name = "WEIGHT", value_parser = share)]
+    eoutlier: Option<f64>,
+    /// Rounds of EM for each frame [default: 8, with --method report 10]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    rounds: Option<u32>,
+    /// Order of the rotation channels in the BVH file
+    #[arg(long, default_value = "zyx", value_parser = order(), ignore_case = true)]
+    order: Order,
+    /// The table of frames [default: the output's name with .frames.csv]
+    #[arg(long, value_name = "FILE.csv")]
+    csv: Option<PathBuf>,
+    /// Replace files that exist
+    #[arg(long)]
+    force: bool,
+    /// Report as JSON lines on standard output
+    #[arg(long)]
+    pub json: bool,
+    /// Print nothing unless it failed
+    #[arg(short, long)]
+    pub quiet: bool,
+}
+
+/// Named one by one, so that help and shells know them.
+fn order() -> impl TypedValueParser<Value = Order> {
+    let known = |name: &str| Order::ALL.into_iter().find(|order| order.name().eq_ignore_ascii_case(name));
+    PossibleValuesParser::new(["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]).try_map(move |name| known(&name).ok_or("no order of this name"))
+}
+
+fn cosine(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if (-1.0..1.0).contains(&x) => Ok(x),
+        _ => Err("expected a number from -1 to 1".to_owned()),
+    }
+}
+
+fn angle(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x <= 180.0 => Ok(x),
+        _ => Err("expected an angle above 0 and at most 180".to_owned()),
+    }
+}
+
+impl TrackArgs {
+    pub fn request(&self) -> Request {
+        let usual = Settings::of(match self.method {
+            MethodArg::Planes => Method::Planes,
+            MethodArg::Report => Method::Report,
+        });
+        let sigma0_cm = self.sigma0.unwrap_or(usual.sigma0_cm);
+        let settings = Settings {
+            sigma0_cm,
+            sigma_end_cm: usual.sigma_end_cm.min(sigma0_cm),
+            cosine: self.nthresh.or(self.normal_angle.map(|angle| angle.to_radians().cos())).unwrap_or(usual.cosine),
+            outlier: self.eoutlier.unwrap_or(usual.outlier),
+            rounds: self.rounds.unwrap_or(usual.rounds),
+            ..usual
+        };
+        let named = |extension: &str| compression::inner_name(&self.output).with_extension(extension);
+        Request {
+            clouds: self.clouds.clone(),
+            first: self.first,
+            last: self.last,
+            rig: self.rig.files(),
+            settings,
+            rate_hz: self.fps,
+            order: self.order,
+            output: self.output.clone(),
+            table: self.csv.clone().unwrap_or_else(|| named("frames.csv")),
+            log: None,
+            log_rate_hz: None,
+            force: self.force,
+        }
+    }
+}

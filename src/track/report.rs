@@ -1,0 +1,303 @@
+//! What tracking did, for people, for scripts, and for the exit code.
+
+use super::Request;
+use super::seen::{Given, Seen};
+use crate::report::{count, lines, short};
+use crate::rig::Rig;
+use crate::runs::runs;
+use crate::solve::track::Way;
+use crate::typeset::Style;
+use formats::{Note, printable};
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// The most stretches that are told to people; `--json` and the table have all.
+const MOST_STRETCHES: usize = 8;
+
+/// Frames in a row, by their numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Stretch {
+    /// The first one.
+    pub first_frame: u32,
+    /// The last one.
+    pub last_frame: u32,
+    /// How many.
+    pub frames: usize,
+}
+
+impl Stretch {
+    /// All stretches of frames of which something holds.
+    pub fn all(frames: &[Seen], holds: impl Fn(&Seen) -> bool) -> Vec<Self> {
+        let found = runs(frames.len(), |frame| holds(&frames[frame]));
+        let stretch = |&(start, end): &(usize, usize)| Self {
+            first_frame: frames[start].number,
+            last_frame: frames[end - 1].number,
+            frames: end - start,
+        };
+        found.iter().map(stretch).collect()
+    }
+
+    fn text(&self) -> String {
+        if self.frames == 1 { self.first_frame.to_string() } else { format!("{}-{}", self.first_frame, self.last_frame) }
+    }
+}
+
+/// Some stretches, as `3, 7-9 and 2 more`.
+fn listed(stretches: &[Stretch]) -> String {
+    let shown: Vec<String> = stretches.iter().take(MOST_STRETCHES).map(Stretch::text).collect();
+    let more = stretches.len().saturating_sub(MOST_STRETCHES);
+    if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
+}
+
+fn total(stretches: &[Stretch]) -> usize {
+    stretches.iter().map(|stretch| stretch.frames).sum()
+}
+
+/// A part of the body that was lost.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Lost {
+    /// The joint that moves it.
+    pub part: String,
+    /// When.
+    pub when: Vec<Stretch>,
+}
+
+/// What was done.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// The files of the clouds, as they were named.
+    pub clouds: String,
+    /// The file with the motion; `None` until it has its name.
+    pub output: Option<PathBuf>,
+    /// The table of frames.
+    pub table: Option<PathBuf>,
+    /// The log that was written.
+    pub log: Option<PathBuf>,
+    /// Why the log is not there although it was wanted.
+    pub log_error: Option<String>,
+    /// Frames per second.
+    pub rate_hz: f64,
+    /// Unit of length of the rig, and of what was written.
+    pub unit: &'static str,
+    /// Number of joints.
+    pub joints: usize,
+    /// Number of degrees of freedom.
+    pub freedom: usize,
+    /// The method.
+    pub method: &'static str,
+    /// Number of frames.
+    pub frames: usize,
+    /// Of these, frames whose lost limbs were searched.
+    pub searched: Vec<Stretch>,
+    /// Frames without a file.
+    pub missing: Vec<Stretch>,
+    /// Frames whose file has no points.
+    pub empty: Vec<Stretch>,
+    /// Parts that were lost.
+    pub lost: Vec<Lost>,
+    /// Mean over frames of the root mean square distance of points from the body, cm; NaN without any.
+    pub residual_cm: f64,
+    /// Mean share of the points that belong to the body; NaN without any.
+    pub inliers: f64,
+    /// What was assumed or found odd.
+    pub notes: Vec<Note>,
+    /// How long reading and tracking took.
+    pub took: Duration,
+}
+
+impl Report {
+    /// Before anything was tracked.
+    pub fn new(request: &Request, rig: &Rig) -> Self {
+        Self {
+            clouds: request.clouds.typed().to_owned(),
+            output: None,
+            table: None,
+            log: None,
+            log_error: None,
+            rate_hz: request.rate_hz,
+            unit: rig.unit.symbol(),
+            joints: rig.body.tree.joints(),
+            freedom: rig.body.tree.freedom(),
+            method: request.method_name(),
+            frames: 0,
+            searched: Vec::new(),
+            missing: Vec::new(),
+            empty: Vec::new(),
+            lost: Vec::new(),
+            residual_cm: f64::NAN,
+            inliers: f64::NAN,
+            notes: rig.notes.clone(),
+            took: Duration::ZERO,
+        }
+    }
+
+    /// Takes in what became of the frames.
+    pub fn judge(&mut self, frames: &[Seen], rig: &Rig) {
+        self.frames = frames.len();
+        self.searched = Stretch::all(frames, |seen| seen.way == Way::Searched);
+        self.missing = Stretch::all(frames, |seen| seen.given == Given::Missing);
+        self.empty = Stretch::all(frames, |seen| seen.given == Given::Empty);
+        let lost = rig
+            .names()
+            .enumerate()
+            .map(|(part, name)| Lost { part: name.to_owned(), when: Stretch::all(frames, |seen| seen.lost.get(part) == Some(&true)) });
+        self.lost = lost.filter(|lost| !lost.when.is_empty()).collect();
+        let mean = |value: fn(&Seen) -> f64| {
+            let known: Vec<f64> = frames.iter().map(value).filter(|x| x.is_finite()).collect();
+            known.iter().sum::<f64>() / known.len() as f64
+        };
+        self.residual_cm = mean(|seen| seen.residual_cm);
+        self.inliers = mean(|seen| seen.inliers);
+    }
+
+    fn predicted(&self) -> usize {
+        total(&self.missing) + total(&self.empty)
+    }
+
+    fn tracked(&self) -> usize {
+        self.frames - self.predicted() - total(&self.searched)
+    }
+
+    /// 0 if every frame was followed and nothing was assumed or lost, else 3. (Errors have their own codes.)
+    pub fn exit_code(&self) -> u8 {
+        let matters = self.notes.iter().any(Note::matters) || self.predicted() > 0 || !self.lost.is_empty() || self.log_error.is_some();
+        if matters { 3 } else { 0 }
+    }
+
+    /// Name and value pairs for the log's metadata.
+    pub fn results(&self) -> Vec<(String, String)> {
+        let number = |x: f64| if x.is_finite() { format!("{x:.4}") } else { "none".to_owned() };
+        [
+            ("frames", self.frames.to_string()),
+            ("frames_tracked", self.tracked().to_string()),
+            ("frames_searched", total(&self.searched).to_string()),
+            ("frames_predicted", self.predicted().to_string()),
+            ("parts_lost", self.lost.len().to_string()),
+            ("residual_cm", number(self.residual_cm)),
+            ("inliers", number(self.inliers)),
+        ]
+        .map(|(name, value)| (name.to_owned(), value))
+        .into()
+    }
+
+    /// For people.
+    pub fn text(&self, style: &Style) -> String {
+        let mut out = self.output.iter().map(|output| style.way(&self.clouds, &output.display().to_string())).collect::<String>();
+        let mut line = |head: &str, text: String| out.push_str(&style.item(head, &text));
+        let seconds = self.frames as f64 / self.rate_hz;
+        line("take", format!("{} at {} Hz ({seconds:.1} s), in {}", count(self.frames, "frame"), short(self.rate_hz), self.unit));
+        line("body", format!("{} with {} degrees of freedom", count(self.joints, "joint"), self.freedom));
+        let searched = match total(&self.searched) {
+            0 => String::new(),
+            frames => format!(", {} after a search for limbs", count(frames, "frame")),
+        };
+        let secs = self.took.as_secs_f64();
+        let pace = if secs > 0.0 { format!(", {:.0} frames/s", self.frames as f64 / secs) } else { String::new() };
+        line("tracked", format!("{} by {}{searched}{pace}", count(self.tracked() + total(&self.searched), "frame"), self.method));
+        if self.residual_cm.is_finite() {
+            let share = 100.0 * self.inliers;
+            line("points", format!("{:.2} cm from the body, {share:.0} % belong to it (means over frames)", self.residual_cm));
+        }
+        for (stretches, why) in [(&self.missing, "without a file"), (&self.empty, "without points")] {
+            if !stretches.is_empty() {
+                line("predicted", format!("{} {why}: {}", count(total(stretches), "frame"), listed(stretches)));
+            }
+        }
+        for lost in &self.lost {
+            line("lost", format!("{} in {}: {}", printable(&lost.part), count(total(&lost.when), "frame"), listed(&lost.when)));
+        }
+        for note in &self.notes {
+            line(if note.matters() { "look at" } else { "note" }, note.to_string());
+        }
+        if let Some(error) = &self.log_error {
+            line("no log", error.clone());
+        }
+        for (head, path) in [("log", &self.log), ("frames", &self.table)] {
+            out.extend(path.iter().map(|path| style.name(head, &path.display().to_string())));
+        }
+        out
+    }
+
+    /// As JSON lines: notes, gaps, lost parts, then the summary.
+    pub fn json(&self) -> String {
+        self.json_of(|path| path.display().to_string())
+    }
+
+    /// The same for the log, which must not depend on where it lies: without folders.
+    pub fn json_for_log(&self) -> String {
+        self.json_of(|path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default())
+    }
+
+    fn json_of(&self, name: impl Fn(&Path) -> String) -> String {
+        #[derive(Serialize)]
+        #[serde(tag = "message_type", rename_all = "snake_case")]
+        enum Message<'a> {
+            Note {
+                kind: &'a str,
+                text: String,
+                matters: bool,
+            },
+            Predicted {
+                why: &'a str,
+                #[serde(flatten)]
+                stretch: Stretch,
+            },
+            Lost {
+                part: &'a str,
+                #[serde(flatten)]
+                stretch: Stretch,
+            },
+            Tracked {
+                clouds: String,
+                output: Option<String>,
+                table: Option<String>,
+                log: Option<String>,
+                log_error: Option<&'a str>,
+                method: &'a str,
+                rate_hz: f64,
+                unit: &'a str,
+                joints: usize,
+                degrees_of_freedom: usize,
+                frames: usize,
+                frames_tracked: usize,
+                frames_searched: usize,
+                frames_predicted: usize,
+                parts_lost: Vec<&'a str>,
+                residual_cm: Option<f64>,
+                inliers: Option<f64>,
+                exit_code: u8,
+            },
+        }
+        let mut messages: Vec<Message> =
+            self.notes.iter().map(|n| Message::Note { kind: n.kind(), text: n.to_string(), matters: n.matters() }).collect();
+        for (why, stretches) in [("missing", &self.missing), ("empty", &self.empty)] {
+            messages.extend(stretches.iter().map(|&stretch| Message::Predicted { why, stretch }));
+        }
+        for lost in &self.lost {
+            messages.extend(lost.when.iter().map(|&stretch| Message::Lost { part: &lost.part, stretch }));
+        }
+        let path = |path: &Option<PathBuf>| path.as_deref().map(&name);
+        messages.push(Message::Tracked {
+            clouds: name(Path::new(&self.clouds)),
+            output: path(&self.output),
+            table: path(&self.table),
+            log: path(&self.log),
+            log_error: self.log_error.as_deref(),
+            method: self.method,
+            rate_hz: self.rate_hz,
+            unit: self.unit,
+            joints: self.joints,
+            degrees_of_freedom: self.freedom,
+            frames: self.frames,
+            frames_tracked: self.tracked(),
+            frames_searched: total(&self.searched),
+            frames_predicted: self.predicted(),
+            parts_lost: self.lost.iter().map(|lost| lost.part.as_str()).collect(),
+            residual_cm: Some(self.residual_cm).filter(|x| x.is_finite()),
+            inliers: Some(self.inliers).filter(|x| x.is_finite()),
+            exit_code: self.exit_code(),
+        });
+        lines(&messages)
+    }
+}
