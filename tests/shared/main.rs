@@ -9,6 +9,7 @@ mod c3d;
 #[path = "../../formats/fuzz/checks.rs"]
 #[allow(dead_code)] // the fuzz targets use the rest
 mod checks;
+mod kineben;
 mod survey;
 mod tables;
 mod text;
@@ -225,5 +226,6 @@ fn main() {
         }
     }
     suite("repaired", tests);
+    suite("kineben", kineben::trials(&folder.join("data")));
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
