@@ -45,7 +45,7 @@ bench:
 bench-files:
     python tests/python/bench_files.py
 
-# Ten minutes of a fuzz target, `open_any` or `roundtrip`; needs nightly Rust and cargo-fuzz. What it finds is in formats/fuzz/found and artifacts
+# Ten minutes of a fuzz target, `open_any`, `roundtrip` or `rigs`; needs nightly Rust and cargo-fuzz. What it finds is in formats/fuzz/found and artifacts
 fuzz target="roundtrip":
     mkdir -p formats/fuzz/found
     cd formats/fuzz && cargo +nightly fuzz run --fuzz-dir . {{target}} found corpus $(find ../../fixtures -mindepth 2 -type d) -- -max_total_time=600 -max_len=20000 -timeout=1 -malloc_limit_mb=600

@@ -19,6 +19,12 @@ pub(crate) enum Stream {
     Gaps = 4,
     /// Parameters that EM starts from.
     Start = 5,
+    /// Measures of a body with a surface.
+    Body = 6,
+    /// Points of a cloud.
+    Cloud = 7,
+    /// Markers on a surface: noise, and what is hidden.
+    Markers = 8,
 }
 
 /// A generator of random numbers.

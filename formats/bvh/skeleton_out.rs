@@ -245,8 +245,7 @@ impl Out {
         }
         let last = before.unwrap_or_default();
         let turned = match self.turned {
-            Turned::Never if self.positions => Some([0.0; 3]),
-            Turned::Never => None,
+            Turned::Never => Some([0.0; 3]),
             Turned::Axis(_, sign, at) => {
                 let angle = if let Some(State::Angle(angle)) = states.get(at) { angle * sign } else { 0.0 };
                 let angle = before.map_or(angle, |[last, ..]| unwrapped(angle, last));

@@ -2,6 +2,7 @@
 //!
 //! A check returns what is wrong; panics, hangs and memory are for whoever calls it to notice.
 
+use formats::rig::{self, Joint, JointKind, Skeleton};
 use formats::{Document, Format, Notes, Origin, Role, Stated, Take};
 
 /// Samples of a take per byte of its file, at most: a missing sample of a table costs two separators at least,
@@ -127,4 +128,53 @@ fn fills_and_saves(format: &'static dyn Format, document: &dyn Document, bytes: 
         }
     }
     Ok(())
+}
+
+/// Gives the bytes to every reader of rigs: what they make of them is sound, and reads as the same again once it is written.
+pub fn rigs(bytes: &[u8]) -> Result<(), String> {
+    let notes = Notes::new();
+    let wrote = |e: formats::FormatError| format!("what was read cannot be written: {e}");
+    let reads = |e: formats::FormatError| format!("what was written cannot be read: {e}");
+    if let Ok(mesh) = rig::read_mesh(bytes) {
+        let mut out = Vec::new();
+        rig::write_mesh(&mesh, &mut out).map_err(wrote)?;
+        if rig::read_mesh(&out).map_err(reads)? != mesh {
+            return Err("off: a surface reads as another".to_owned());
+        }
+    }
+    for skeleton in [rig::read_skeleton(bytes, &notes), rig::skeleton_of_bvh(bytes, &notes)].into_iter().flatten() {
+        let mut out = Vec::new();
+        rig::write_skeleton(&skeleton, &mut out).map_err(wrote)?;
+        let again = rig::read_skeleton(&out, &notes).map_err(reads)?;
+        if again.joints.len() != skeleton.joints.len() || again.joints.iter().zip(&skeleton.joints).any(|(a, b)| !alike(a, b)) {
+            return Err("skl: a skeleton reads as another".to_owned());
+        }
+    }
+    let joint = |name: &str, kind, parent| Joint { name: name.to_owned(), kind, parent, centre: [0.0; 3], state: [0.0; 3] };
+    let arm = Skeleton {
+        joints: vec![
+            joint("root", JointKind::Translate, None),
+            joint("body", JointKind::Ball, Some(0)),
+            joint("elbow", JointKind::Revolute { axis: [0.0, 0.0, 1.0] }, Some(1)),
+            joint("slide", JointKind::Translate, Some(2)),
+        ],
+    };
+    if let Ok(limits) = rig::read_limits(bytes, &arm, None, &notes) {
+        let mut out = Vec::new();
+        rig::write_limits(&limits, &arm, &mut out).map_err(wrote)?;
+        rig::read_limits(&out, &arm, None, &notes).map_err(reads)?;
+    }
+    if let Ok(parts) = rig::read_parts(bytes, &arm, 4) {
+        let mut out = Vec::new();
+        rig::write_parts(&parts, &arm, &mut out).map_err(wrote)?;
+        if rig::read_parts(&out, &arm, 4).map_err(reads)? != parts {
+            return Err("vj: parts read as others".to_owned());
+        }
+    }
+    Ok(())
+}
+
+/// The same but for the name, which may be one that no file can hold.
+fn alike(a: &Joint, b: &Joint) -> bool {
+    (a.kind, a.parent, a.centre, a.state) == (b.kind, b.parent, b.centre, b.state)
 }

@@ -330,7 +330,15 @@ fn write_all(skeleton: &Skeleton, out: &mut dyn Write) -> io::Result<()> {
             numbers.extend(joint.state.iter().take(joint.kind.freedom()));
         }
         for x in numbers {
-            write!(out, " {}", x + 0.0)?; // no "-0"
+            let mut text = (x + 0.0).to_string(); // no "-0"
+            // a number that is spelled as a joint is called would be one
+            if names.contains(&text) {
+                text += if text.contains('.') { "0" } else { ".0" };
+            }
+            while names.contains(&text) {
+                text += "0";
+            }
+            write!(out, " {text}")?;
         }
         writeln!(out)?;
     }

@@ -163,6 +163,13 @@ fn names_may_look_like_numbers() {
     let skeleton = read_skeleton(text.as_bytes(), &Notes::new()).unwrap();
     let centres: Vec<[f64; 3]> = skeleton.joints.iter().map(|j| j.centre).collect();
     assert_eq!(centres, [[2.0, 1.0, 3.5], [1.0, 2.0, 3.5], [1.0, 2.0, 3.0]]);
+    let mut moved = skeleton.clone();
+    moved.joints[0].state = [1.0, 3.5, 2.0];
+    for skeleton in [skeleton, moved] {
+        let mut out = Vec::new();
+        write_skeleton(&skeleton, &mut out).unwrap();
+        assert_eq!(read_skeleton(&out, &Notes::new()).unwrap(), skeleton);
+    }
 }
 
 #[test]

@@ -175,6 +175,15 @@ pub(super) enum StartArg {
     Zero,
 }
 
+/// What `demo` makes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum DemoKind {
+    /// A take of 41 markers: its truth, and the same with gaps, as C3D and CSV
+    Take,
+    /// Skeleton, surface and limits of a body, a cloud of points for each frame, labelled markers, and the true joints
+    Body,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(super) enum InitArg {
     Pca,

@@ -8,6 +8,7 @@ mod track;
 
 use crate::bones;
 use crate::convert::convert;
+use crate::demo::actor::{BodyOptions, write_body};
 use crate::demo::{DemoOptions, write_demo};
 use crate::input::{Reading, open};
 use crate::inspect::Inspection;
@@ -19,7 +20,7 @@ use crate::solve::auto::Stiffness;
 use crate::solve::{Method, Observer};
 use crate::track::track as track_clouds;
 use crate::typeset::{Style, Tone, settle_colours};
-use args::{BonesArg, ConvertArgs, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
+use args::{BonesArg, ConvertArgs, DemoKind, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
 use clap_complete::Shell;
 use formats::printable;
@@ -111,17 +112,20 @@ enum Command {
         #[arg(long)]
         force: bool,
     },
-    /// Make a synthetic take of a walking figure: its truth, and the same with gaps, as C3D and CSV
+    /// Make a synthetic recording of a walking figure: a take, or a body in clouds of points
     Demo {
         /// Folder to write to; made if it is not there
         #[arg(short, long, value_name = "DIR")]
         output: PathBuf,
-        /// Number of frames
-        #[arg(long, default_value_t = DemoOptions::default().frames as u32, value_parser = clap::value_parser!(u32).range(60..=200_000))]
-        frames: u32,
-        /// Frames per second
-        #[arg(long, value_name = "HZ", default_value_t = DemoOptions::default().rate_hz, value_parser = rate)]
-        rate: f64,
+        /// What to make
+        #[arg(long, default_value = "take")]
+        kind: DemoKind,
+        /// Number of frames [default: 900; of a body 60]
+        #[arg(long, value_parser = clap::value_parser!(u32).range(60..=200_000))]
+        frames: Option<u32>,
+        /// Frames per second [default: 120; of a body 30]
+        #[arg(long, value_name = "HZ", value_parser = rate)]
+        rate: Option<f64>,
         /// Another seed makes another walk
         #[arg(long, default_value_t = DemoOptions::default().seed)]
         seed: u64,
@@ -169,8 +173,20 @@ fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
         }
         Some(Command::Layout(args)) => written(log::extract_layout(&args.log, &args.output, args.force)),
         Some(Command::Report(args)) => written(page::report_of_log(&args.log, &args.output, args.force)),
-        Some(Command::Demo { output, frames, rate, seed, force }) => {
-            demo(&output, &DemoOptions { frames: frames as usize, rate_hz: rate, seed, ..DemoOptions::default() }, force)
+        Some(Command::Demo { output, kind, frames, rate, seed, force }) => {
+            let frames = frames.map(|frames| frames as usize);
+            listed(match kind {
+                DemoKind::Take => {
+                    let usual = DemoOptions::default();
+                    let (frames, rate_hz) = (frames.unwrap_or(usual.frames), rate.unwrap_or(usual.rate_hz));
+                    write_demo(&output, &DemoOptions { frames, rate_hz, seed, ..usual }, force)
+                }
+                DemoKind::Body => {
+                    let usual = BodyOptions::default();
+                    let (frames, rate_hz) = (frames.unwrap_or(usual.frames), rate.unwrap_or(usual.rate_hz));
+                    write_body(&output, &BodyOptions { frames, rate_hz, seed }, force)
+                }
+            })
         }
         Some(Command::Completions { shell }) => {
             print(&completions(shell));
@@ -385,8 +401,9 @@ fn written(result: Result<(), RepairError>) -> u8 {
     }
 }
 
-fn demo(folder: &Path, options: &DemoOptions, force: bool) -> u8 {
-    match write_demo(folder, options, force) {
+/// The exit code of a command that says which files it wrote.
+fn listed(result: Result<Vec<PathBuf>, RepairError>) -> u8 {
+    match result {
         Ok(files) => {
             for file in files {
                 print(&format!("{}\n", file.display()));

@@ -10,8 +10,10 @@
 //! - `walker`: the body in motion, with `path` to walk along
 //! - `markers`: where the markers sit, and the skin
 //! - `gaps`: what the cameras miss
+//! - [`actor`]: somebody with a surface, for what follows bodies in clouds of points
 //! - [`picture`]: a gap before and after, as SVG
 
+pub mod actor;
 mod files;
 mod gaps;
 mod markers;

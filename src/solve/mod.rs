@@ -11,6 +11,7 @@ pub mod ik;
 pub mod interpolate;
 mod kernel;
 pub mod lds;
+pub mod markers;
 mod meter;
 mod method;
 pub mod msvd;

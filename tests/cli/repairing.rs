@@ -1,6 +1,8 @@
 //! The main job, and the demonstration take.
 
 use crate::lab::{FRAMES, Lab, changed_points, missing, points_start, with_fourth_words};
+use formats::Notes;
+use formats::rig::{read_limits, read_mesh, read_parts, read_skeleton};
 
 #[test]
 fn the_demonstration_is_four_files() {
@@ -22,6 +24,40 @@ fn the_demonstration_is_four_files() {
 
     lab.run(&["demo", "-o", "other", "--frames", "60", "--seed", "2"]).with_code(0);
     assert_ne!(lab.read("other/walk-truth.c3d"), files[2]);
+}
+
+#[test]
+fn the_demonstration_of_a_body_is_a_rig_with_clouds() {
+    let lab = Lab::empty();
+    let command = ["demo", "--kind", "body", "-o", "body"];
+    let ran = lab.run(&command).with_code(0);
+    let names = ["body.off", "body.skl", "body.cst", "body.vj", "clouds", "markers.csv", "markers_map.csv", "truth_joints.csv"];
+    assert_eq!(ran.out.lines().collect::<Vec<_>>(), names.map(|name| format!("body/{name}")));
+    let notes = Notes::new();
+    let skeleton = read_skeleton(&lab.read("body/body.skl"), &notes).unwrap();
+    let mesh = read_mesh(&lab.read("body/body.off")).unwrap();
+    let parts = read_parts(&lab.read("body/body.vj"), &skeleton, mesh.vertices.len()).unwrap();
+    let limits = read_limits(&lab.read("body/body.cst"), &skeleton, None, &notes).unwrap();
+    assert_eq!((skeleton.joints.len(), skeleton.freedom(), limits.iter().flatten().count()), (15, 29, 13));
+    assert_eq!((parts.len(), mesh.normals.len()), (mesh.vertices.len(), mesh.vertices.len()));
+    assert_eq!(std::fs::read_dir(lab.path("body/clouds")).unwrap().count(), 60);
+    for frame in [0, 59] {
+        let cloud = read_mesh(&lab.read(&format!("body/clouds/frame_{frame:03}.off"))).unwrap();
+        assert_eq!((cloud.vertices.len(), cloud.normals.len(), cloud.faces.len()), (2500, 2500, 0));
+    }
+    for (name, columns) in [("markers.csv", 1 + 3 * 41), ("truth_joints.csv", 1 + 3 * 14)] {
+        let text = lab.text(&format!("body/{name}"));
+        assert_eq!(text.lines().count(), 61, "{name}");
+        assert!(text.lines().all(|line| line.split(',').count() == columns), "{name}");
+    }
+    assert_eq!(lab.text("body/markers_map.csv").lines().count(), 42);
+
+    let again = lab.run(&command);
+    assert_eq!((again.code, again.out.as_str()), (1, ""));
+    assert!(again.err.contains("body/body.off: exists already") && again.err.contains("--force"), "{}", again.err);
+    let cloud = lab.read("body/clouds/frame_031.off");
+    lab.run(&[&command[..], &["--force"]].concat()).with_code(0);
+    assert_eq!(lab.read("body/clouds/frame_031.off"), cloud, "a seed means the same body for ever");
 }
 
 #[test]

@@ -68,10 +68,13 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 fn one(bytes: &[u8], figures: &mut Figures, program: Instant) -> Result<(), String> {
     BEGUN.store(program.elapsed().as_millis() as u64 + 1, Ordering::Relaxed);
     let opens = || {
-        let format = formats::detect(bytes.get(..bytes.len().min(4096)).unwrap_or(bytes), None).ok()?;
-        format.open(bytes.to_vec(), &Stated::default(), &Notes::new()).ok().map(|_| ())
+        let format = formats::detect(bytes.get(..bytes.len().min(4096)).unwrap_or(bytes), None);
+        let take = format.is_ok_and(|format| format.open(bytes.to_vec(), &Stated::default(), &Notes::new()).is_ok());
+        take || formats::rig::read_mesh(bytes).is_ok() || formats::rig::read_skeleton(bytes, &Notes::new()).is_ok()
     };
-    for (name, check) in [("open_any", checks::open_any as fn(&[u8]) -> Result<(), String>), ("roundtrip", checks::roundtrip)] {
+    let checks =
+        [("open_any", checks::open_any as fn(&[u8]) -> Result<(), String>), ("roundtrip", checks::roundtrip), ("rigs", checks::rigs)];
+    for (name, check) in checks {
         MEMORY.reset_peak_usage();
         let before = MEMORY.current_usage();
         let begun = Instant::now();
@@ -86,7 +89,7 @@ fn one(bytes: &[u8], figures: &mut Figures, program: Instant) -> Result<(), Stri
         result.map_err(|_| format!("{name}: it panics"))?.map_err(|e| format!("{name}: {e}"))?;
     }
     figures.tried += 1;
-    figures.opened += usize::from(catch_unwind(opens).is_ok_and(|o| o.is_some()));
+    figures.opened += usize::from(catch_unwind(opens).unwrap_or(false));
     BEGUN.store(0, Ordering::Relaxed);
     Ok(())
 }
@@ -153,8 +156,7 @@ fn main() {
     std::panic::set_hook(Box::new(|_| {})); // what panics is reported by the test, once
     let all: usize = std::env::var("MOCAP_MUTATIONS").ok().and_then(|n| n.parse().ok()).unwrap_or(MUTATIONS);
     let mut trials = Vec::new();
-    for format in formats::ALL {
-        let name = format.info().name;
+    for name in formats::ALL.iter().map(|format| format.info().name).chain(["rig"]) {
         let mut fixtures = files(&root().join("fixtures").join(name));
         // what is refused as it is seldom gets far
         fixtures.retain(|path| path.components().any(|c| c.as_os_str() == "good" || c.as_os_str() == "odd"));

@@ -1,92 +1,75 @@
-//! Sequences of clouds with known truth: how far joints are from it when a body was followed.
+//! Rigs and clouds of points of sequences whose truth is known, and the skeletons of their recordings.
 
-use libtest_mimic::{Failed, Trial};
-use mocap_repair::rig::{RigFiles, read_rig};
-use mocap_repair::solve::track::{Method, Settings};
-use mocap_repair::track::{Pattern, Request, track};
+use super::expect;
+use formats::bvh::{Bvh, Motion, Order, State, write_motion};
+use formats::rig::{self, JointKind, Skeleton};
+use formats::{Format, Note, Notes, Stated, Unit};
+use libtest_mimic::Failed;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 
-/// A sequence, a method, and the mean and largest distance of joints from the truth, cm, that it must not exceed.
-struct Bound {
-    sequence: &'static str,
-    method: Method,
-    mean_cm: std::ops::Range<f64>,
-    worst_cm: f64,
-}
+/// Sequences, and how many clouds each has.
+pub const SEQUENCES: [(&str, usize); 2] = [("walk", 100), ("gym", 120)];
 
-/// The report's own method is to be as good as it was measured elsewhere, and not much better.
-const BOUNDS: [Bound; 4] = [
-    Bound { sequence: "walk", method: Method::Planes, mean_cm: 0.0..0.45, worst_cm: 1.7 },
-    Bound { sequence: "gym", method: Method::Planes, mean_cm: 0.0..0.60, worst_cm: 2.5 },
-    Bound { sequence: "walk", method: Method::Report, mean_cm: 1.01..1.51, worst_cm: f64::INFINITY },
-    Bound { sequence: "gym", method: Method::Report, mean_cm: 8.84..13.26, worst_cm: f64::INFINITY },
-];
-
-/// The tests, as far as their sequences are there.
-pub fn trials(data: &Path) -> Vec<Trial> {
-    let there = BOUNDS.iter().filter(|bound| data.join("kineben").join(bound.sequence).is_dir());
-    there
-        .map(|bound| {
-            let folder = data.join("kineben").join(bound.sequence);
-            Trial::test(format!("track {} by {:?}", bound.sequence, bound.method), move || followed(&folder, bound))
-        })
-        .collect()
-}
-
-fn followed(folder: &Path, bound: &Bound) -> Result<(), Failed> {
-    let output = tempfile::tempdir()?;
-    let named = |name: &str| folder.join(name);
-    let request = Request {
-        clouds: Pattern::parse(&format!("{}/clouds/frame_%03d.off", folder.display()))?,
-        first: None,
-        last: None,
-        rig: RigFiles {
-            skeleton: named("model.skl"),
-            surface: named("model.off"),
-            parts: named("model.vj"),
-            limits: Some(named("model.cst")),
-            unit: None,
-            angles: None,
-            swing_twist: false,
-        },
-        settings: Settings::of(bound.method),
-        rate_hz: 30.0,
-        order: formats::bvh::Order::default(),
-        output: output.path().join("out.bvh"),
-        table: output.path().join("out.csv"),
-        log: None,
-        log_rate_hz: None,
-        force: false,
-    };
-    read_rig(&request.rig)?;
-    track(&request, &mut (), &AtomicBool::new(false))?;
-    let (mean, worst) = errors_cm(&std::fs::read(output.path().join("out.bvh"))?, &std::fs::read_to_string(named("truth_joints.csv"))?)?;
-    let fine = bound.mean_cm.contains(&mean) && worst <= bound.worst_cm;
-    if fine { Ok(()) } else { Err(format!("mean {mean:.3} cm, worst {worst:.2} cm; allowed are {:?} and {}", bound.mean_cm, bound.worst_cm).into()) }
-}
-
-/// Mean and largest distance of the joints of a BVH file from those of a table, cm.
-fn errors_cm(bvh: &[u8], truth: &str) -> Result<(f64, f64), Failed> {
-    use formats::{Format, Notes, Stated, Unit};
-    let stated = Stated { unit: Some(Unit::Centimetre), ..Stated::default() };
-    let document = formats::bvh::Bvh.open(bvh.to_vec(), &stated, &Notes::new())?;
-    let take = document.take();
-    let mut lines = truth.lines();
-    let joints: Vec<&str> = lines.next().unwrap_or_default().split(',').skip(1).step_by(3).filter_map(|name| name.strip_suffix("_x")).collect();
-    let (mut sum, mut count, mut worst) = (0.0, 0, 0.0_f64);
-    for (frame, line) in lines.enumerate() {
-        let row: Vec<f64> = line.split(',').map(str::parse).collect::<Result<_, _>>()?;
-        for (at, joint) in joints.iter().enumerate() {
-            let column = (0..take.markers.len()).find(|&m| take.markers[m].label == *joint).ok_or("a joint is missing")?;
-            let is = take.position_mm(frame, column).ok_or("a joint is nowhere")?;
-            let off = (0..3).map(|k| (is[k] / 10.0 - row[1 + 3 * at + k]).powi(2)).sum::<f64>().sqrt();
-            sum += off;
-            count += 1;
-            worst = worst.max(off);
-        }
+/// Everything of a sequence reads, and reads as the same once it is written.
+pub fn sequence(folder: &Path, clouds: usize) -> Result<(), Failed> {
+    let file = |name: &str| std::fs::read(folder.join(name));
+    let notes = Notes::new();
+    let mesh = rig::read_mesh(&file("model.off")?)?;
+    expect("vertices and faces", (mesh.vertices.len(), mesh.faces.len()), (3501, 6998))?;
+    let mut out = Vec::new();
+    rig::write_mesh(&mesh, &mut out)?;
+    expect("the surface again", rig::read_mesh(&out)? == mesh, true)?;
+    let skeleton = rig::read_skeleton(&file("model.skl")?, &notes)?;
+    expect("joints and degrees of freedom", (skeleton.joints.len(), skeleton.freedom()), (15, 29))?;
+    expect("notes", notes.take().len(), 0)?;
+    let mut out = Vec::new();
+    rig::write_skeleton(&skeleton, &mut out)?;
+    expect("the skeleton again", rig::read_skeleton(&out, &notes)? == skeleton, true)?;
+    let limits = rig::read_limits(&file("model.cst")?, &skeleton, None, &notes)?;
+    expect("limits", limits.iter().flatten().count(), 13)?;
+    expect("a note of degrees", matches!(notes.take().as_slice(), [Note::Assumed { .. }]), true)?;
+    let parts = rig::read_parts(&file("model.vj")?, &skeleton, mesh.vertices.len())?;
+    expect("parts", parts.len(), 3501)?;
+    expect("vertices of the root", parts.contains(&0), false)?;
+    let mut out = Vec::new();
+    rig::write_parts(&parts, &skeleton, &mut out)?;
+    expect("the parts again", rig::read_parts(&out, &skeleton, mesh.vertices.len())? == parts, true)?;
+    for frame in 0..clouds {
+        let cloud = rig::read_mesh(&file(&format!("clouds/frame_{frame:03}.off"))?)?;
+        // points with normals, or a surface that gives them
+        expect("normals", cloud.normals.len() == cloud.vertices.len() || !cloud.faces.is_empty(), true)?;
+        expect("an empty cloud", cloud.vertices.is_empty(), false)?;
     }
-    super::expect("frames", take.frames(), count / joints.len().max(1))?;
-    super::expect("joints", joints.len(), 14)?;
-    Ok((sum / f64::from(u32::try_from(count)?), worst))
+    at_rest(&skeleton)?;
+    let recorded = rig::skeleton_of_bvh(&file("truth.bvh")?, &notes)?;
+    expect("joints of the recording", recorded.joints.first().map(|joint| joint.kind), Some(JointKind::Translate))?;
+    expect("a tree", recorded.joints.iter().skip(1).all(|joint| joint.parent.is_some()), true)?;
+    at_rest(&recorded)
+}
+
+/// The reference pose, written as a motion of one frame, has its joints where the skeleton has them.
+fn at_rest(skeleton: &Skeleton) -> Result<(), Failed> {
+    let rest = |kind| match kind {
+        JointKind::Translate => State::Shift([0.0; 3]),
+        JointKind::Revolute { .. } => State::Angle(0.0),
+        JointKind::Ball => State::Rotation([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]),
+    };
+    let frames = [skeleton.joints.iter().map(|joint| rest(joint.kind)).collect()];
+    let motion = Motion { skeleton, ends: Vec::new(), frame_secs: 1.0 / 30.0, order: Order::default(), frames: &frames };
+    let mut out = Vec::new();
+    write_motion(&motion, &mut out)?;
+    let stated = Stated { unit: Some(Unit::Millimetre), ..Stated::default() };
+    let document = Bvh.open(out, &stated, &Notes::new())?;
+    let take = document.take();
+    expect("frames per second", take.rate_hz, 30.0)?;
+    let mut found = 0;
+    for (column, marker) in take.markers.iter().enumerate() {
+        let Some(joint) = skeleton.joint(&marker.label).and_then(|at| skeleton.joints.get(at)) else { continue };
+        let place = take.position_mm(0, column).ok_or("a joint without a place")?;
+        let off = place.iter().zip(joint.centre).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        expect("a joint where it is", off < 1e-4, true)?;
+        found += 1;
+    }
+    // the root and the ball at its place are one
+    expect("joints found", found, skeleton.joints.len() - 1)
 }

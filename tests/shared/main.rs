@@ -13,6 +13,7 @@ mod kineben;
 mod survey;
 mod tables;
 mod text;
+mod tracked;
 
 use formats::{Format, Notes, Origin, Stated, Take};
 use libtest_mimic::{Arguments, Failed, Trial};
@@ -205,6 +206,14 @@ fn main() {
     }
     suite("bvh", tests);
     let mut tests = Vec::new();
+    for (name, clouds) in kineben::SEQUENCES {
+        let path = folder.join("data/kineben").join(name);
+        if path.exists() {
+            tests.push(Trial::test(format!("kineben/{name}"), move || kineben::sequence(&path, clouds)));
+        }
+    }
+    suite("rig", tests);
+    let mut tests = Vec::new();
     if !rows.is_empty() {
         let (data, rows) = (folder.join("data"), rows.clone());
         tests.push(Trial::test("what becomes of every file", move || survey::survey(&data, &rows)));
@@ -226,6 +235,6 @@ fn main() {
         }
     }
     suite("repaired", tests);
-    suite("kineben", kineben::trials(&folder.join("data")));
+    suite("tracked", tracked::trials(&folder.join("data")));
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -94,6 +94,11 @@ impl Normal {
         self.matrix[row.min(column) * self.size + row.max(column)]
     }
 
+    /// The lower triangle, column by column.
+    pub fn matrix(&self) -> &[f64] {
+        &self.matrix
+    }
+
     /// `Jᵀr`
     pub fn gradient(&self) -> &[f64] {
         &self.gradient
@@ -109,11 +114,20 @@ impl Normal {
         for (to, from) in step.iter_mut().zip(&self.gradient) {
             *to = -from;
         }
-        pulp::Arch::new().dispatch(|| factorise(&mut self.factor, self.size) && solve(&self.factor, step))
+        cholesky(&mut self.factor, self.size) && cholesky_solve(&self.factor, step)
     }
 }
 
-/// Cholesky's factor of the lower triangle, in place, column by column.
+/// Cholesky's factor of a lower triangle, in place, column by column. False if the matrix is not positive definite.
+pub(in crate::solve) fn cholesky(matrix: &mut [f64], size: usize) -> bool {
+    pulp::Arch::new().dispatch(|| factorise(matrix, size))
+}
+
+/// Solves with a factor, in place. False if a number is not finite.
+pub(in crate::solve) fn cholesky_solve(factor: &[f64], x: &mut [f64]) -> bool {
+    pulp::Arch::new().dispatch(|| solve(factor, x))
+}
+
 #[inline(always)]
 fn factorise(matrix: &mut [f64], size: usize) -> bool {
     for at in 0..size {
@@ -140,7 +154,6 @@ fn factorise(matrix: &mut [f64], size: usize) -> bool {
     true
 }
 
-/// Solves with a factor, in place.
 #[inline(always)]
 fn solve(factor: &[f64], x: &mut [f64]) -> bool {
     let size = x.len();

@@ -69,7 +69,7 @@ impl<'a> Beside<'a> {
     pub fn square(&self, x: &Vec3, normal: &Vec3, cosine: f64, most: f64) -> f64 {
         let cell = self.cell(x);
         let range = |k: usize| {
-            let low = (cell[k] - 1.0).max(0.0) as usize;
+            let low = (cell[k] - 1.0).clamp(0.0, self.counts[k] as f64) as usize;
             let high = (cell[k] + 2.0).clamp(0.0, self.counts[k] as f64) as usize;
             (low, high.max(low))
         };

@@ -80,14 +80,15 @@ impl Expectation {
     }
 
     /// One E-step (equation 21), with the parts where `posed` puts them. [`forget`](Self::forget) comes before the first of a cloud.
-    pub fn step(&mut self, body: &Body, nearest: &dyn Nearest, cloud: &Cloud, posed: &[Rigid], mixture: &Mixture) {
+    /// It looks at one point in `every`; sums are those of the whole cloud, as far as those points tell.
+    pub fn step(&mut self, body: &Body, nearest: &dyn Nearest, cloud: &Cloud, posed: &[Rigid], mixture: &Mixture, every: usize) {
         let joints = body.tree.joints();
         let parts: Vec<usize> = (0..joints).filter(|&part| !body.surfaces[part].is_empty()).collect();
         let chunks: Vec<Chunk> = self
             .hints
-            .par_chunks_mut(CHUNK * joints)
+            .par_chunks_mut(CHUNK * joints * every)
             .enumerate()
-            .map(|(at, hints)| chunk(body, nearest, cloud, posed, mixture, &parts, at * CHUNK, hints))
+            .map(|(at, hints)| chunk(body, nearest, cloud, posed, mixture, &parts, at * CHUNK * every, every, hints))
             .collect();
         let found = &mut self.found;
         found.pairs.clear();
@@ -107,7 +108,13 @@ impl Expectation {
                 found.squares[part] += chunk.squares[part];
             }
         }
-        found.inliers /= cloud.points.len().max(1) as f64;
+        let looked = cloud.points.len().div_ceil(every).max(1) as f64;
+        let all = cloud.points.len() as f64 / looked;
+        found.inliers /= looked;
+        found.log_likelihood *= all;
+        for sum in found.mass.iter_mut().chain(&mut found.squares) {
+            *sum *= all;
+        }
     }
 }
 
@@ -120,6 +127,7 @@ fn chunk(
     mixture: &Mixture,
     parts: &[usize],
     first: usize,
+    every: usize,
     hints: &mut [u32],
 ) -> Chunk {
     let joints = body.tree.joints();
@@ -129,7 +137,7 @@ fn chunk(
     let scale_along = -0.5 / (mixture.sigma_cm * mixture.sigma_cm + mixture.spacing_cm * mixture.spacing_cm);
     let peak = -1.5 * (std::f64::consts::TAU * mixture.sigma_cm * mixture.sigma_cm).ln() - ((parts.len() + 1) as f64).ln();
     let mut near: Vec<(usize, u32, f64, f64)> = Vec::new();
-    for (at, hints) in hints.chunks_exact_mut(joints).enumerate() {
+    for (at, hints) in hints.chunks_exact_mut(joints).enumerate().step_by(every) {
         let (point, normal) = (cloud.points[first + at], cloud.normals[first + at]);
         near.clear();
         let mut sum = mixture.outlier;

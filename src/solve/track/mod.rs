@@ -5,6 +5,7 @@ mod coverage;
 mod expect;
 mod nearest;
 mod record;
+mod search;
 mod settings;
 mod tracker;
 

@@ -47,21 +47,23 @@ impl Settings {
         let planes = Self {
             method,
             sigma0_cm: 4.0,
-            sigma_end_cm: 0.5,
+            sigma_end_cm: 0.7,
             cosine: 0.6,
             outlier: 0.1,
-            rounds: 8,
+            rounds: 12,
             damping: 0.1,
             along: 0.1,
             prediction: 0.9,
             pull: 1e-3,
             limit: 1.0,
             spacing_cm: 1.0,
-            reach: 4.0,
+            reach: 3.0,
         };
         match method {
             Method::Planes => planes,
-            Method::Report => Self { sigma_end_cm: 0.05, rounds: 10, along: 1.0, spacing_cm: 0.0, prediction: 0.0, pull: 0.0, ..planes },
+            Method::Report => {
+                Self { sigma_end_cm: 0.05, rounds: 10, along: 1.0, spacing_cm: 0.0, reach: 4.0, prediction: 0.0, pull: 0.0, ..planes }
+            }
         }
     }
 }

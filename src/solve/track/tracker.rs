@@ -5,6 +5,7 @@ use super::coverage::{Beside, coverage};
 use super::expect::{Cloud, Expectation, Mixture};
 use super::nearest::{Boxes, Nearest};
 use super::record::{Round, Tracked, Way};
+use super::search::{Limb, cost, left_over, limbs, reach};
 use super::settings::{Method, Settings};
 use crate::solve::ik::terms::{At, Limits, Planes, Points, Pull};
 use crate::solve::ik::{Normal, Pose, Posed, Term};
@@ -15,6 +16,10 @@ const BESIDE_CM: f64 = 3.0;
 /// The weight of limits where the data say nothing.
 const LEAST_LIMIT: f64 = 1e3;
 /// The largest sigma that residuals may lead to, cm.
+const SHRINK: f64 = 0.7;
+const STILL_CM: f64 = 0.06;
+const COARSE_CM: f64 = 1.5;
+const COARSE_POINTS: usize = 700;
 const LARGEST_SIGMA_CM: f64 = 8.0;
 
 /// Follows a body through a sequence of clouds. What was pushed comes out in the same order, sometimes later.
@@ -26,7 +31,69 @@ pub struct Tracker<'a> {
     /// The pose of the last frame, and that of the frame before.
     last: Pose,
     before: Option<Pose>,
+    limbs: Vec<Limb>,
+    usual: Usual,
     fit: Fit,
+}
+
+const WIDE_CM: f64 = 14.0;
+const REACH_CM: f64 = 3.0;
+const SUSPECT: f64 = 0.7;
+const TRIED: usize = 4;
+const CLEARLY: f64 = 0.93;
+
+/// What is usual for this body in these clouds.
+#[derive(Clone, Debug, Default)]
+struct Usual {
+    inliers: f64,
+    coverage: Vec<f64>,
+}
+
+impl Usual {
+    /// How much of a limb is covered, against what is usual.
+    fn lacks(&self, tracked: &Tracked, limb: &Limb) -> f64 {
+        let (mut sum, mut usual) = (0.0, 0.0);
+        for &joint in limb.joints.iter().filter(|&&joint| tracked.coverage[joint].is_finite()) {
+            sum += tracked.coverage[joint];
+            usual += self.coverage[joint];
+        }
+        sum / usual.max(0.05)
+    }
+
+    fn troubled(&self, tracked: &Tracked, limbs: &[Limb]) -> bool {
+        !self.coverage.is_empty() && (tracked.inliers < 0.8 * self.inliers || limbs.iter().any(|limb| self.lacks(tracked, limb) < SUSPECT))
+    }
+
+    fn lost(&self, tracked: &Tracked, limbs: &[Limb]) -> Vec<bool> {
+        let mut lost = vec![false; tracked.coverage.len()];
+        if !self.coverage.is_empty() {
+            for limb in limbs.iter().filter(|limb| self.lacks(tracked, limb) < 0.5) {
+                for &joint in &limb.joints {
+                    lost[joint] = true;
+                }
+            }
+        }
+        lost
+    }
+
+    /// Frames without trouble are what is usual.
+    fn learn(&mut self, tracked: &Tracked) {
+        if self.coverage.is_empty() {
+            self.inliers = tracked.inliers;
+            self.coverage.clone_from(&tracked.coverage);
+        } else {
+            // what is worse than usual counts little: it may be the beginning of a loss
+            let follow = |usual: &mut f64, now: f64| {
+                if now.is_finite() {
+                    *usual += (now - *usual) * if now > *usual { 0.1 } else { 0.02 }
+                }
+            };
+            follow(&mut self.inliers, tracked.inliers);
+            for (usual, now) in self.coverage.iter_mut().zip(&tracked.coverage) {
+                follow(usual, *now);
+            }
+        }
+    }
 }
 
 /// The memory of fits.
@@ -52,7 +119,17 @@ impl<'a> Tracker<'a> {
             expectation: Expectation::default(),
             step: vec![0.0; tree.freedom()],
         };
-        Self { body, nearest, limits: limits.cloned(), settings, last: start, before: None, fit }
+        Self {
+            body,
+            nearest,
+            limits: limits.cloned(),
+            settings,
+            last: start,
+            before: None,
+            limbs: limbs(body),
+            usual: Usual::default(),
+            fit,
+        }
     }
 
     /// The next frame; `None` if there is no cloud of it. Returns the frames that are done.
@@ -103,10 +180,23 @@ impl<'a> Tracker<'a> {
 
     fn frame(&mut self, cloud: Arc<Cloud>) -> Tracked {
         let expected = self.expected();
-        let mut pose = expected.clone();
-        let rounds = self.rounds(&mut pose, &expected, &cloud);
+        let pose = expected.clone();
+        let mut tracked = self.follow(pose, &expected, &cloud, self.settings.sigma0_cm);
+        if self.settings.method == Method::Planes {
+            if self.usual.troubled(&tracked, &self.limbs) {
+                tracked = self.search(tracked, &expected, &cloud);
+            }
+            tracked.lost = self.usual.lost(&tracked, &self.limbs);
+            self.usual.learn(&tracked);
+        }
+        tracked
+    }
+
+    /// The pose that EM leads to from `pose`.
+    fn follow(&mut self, mut pose: Pose, expected: &Pose, cloud: &Arc<Cloud>, sigma0_cm: f64) -> Tracked {
+        let rounds = self.rounds(&mut pose, expected, cloud, sigma0_cm);
         let (body, posed) = (self.body, &self.fit.posed);
-        let beside = Beside::new(&cloud, body.posed(&posed.parts), BESIDE_CM);
+        let beside = Beside::new(cloud, body.posed(&posed.parts), BESIDE_CM);
         let last = rounds.last();
         Tracked {
             parts: posed.parts.clone(),
@@ -118,25 +208,67 @@ impl<'a> Tracker<'a> {
             lost: vec![false; body.tree.joints()],
             rounds,
             pose,
-            cloud: Some(cloud),
+            cloud: Some(Arc::clone(cloud)),
         }
     }
 
+    /// What a tracked frame costs.
+    fn cost(&self, tracked: &Tracked, cloud: &Cloud) -> f64 {
+        let beside = Beside::new(cloud, self.body.posed(&tracked.parts), 5.0);
+        cost(self.body, self.nearest.as_ref(), cloud, &beside, &tracked.parts, self.settings.cosine)
+    }
+
+    /// Tries other ways to explain a cloud that was not explained well.
+    fn search(&mut self, tracked: Tracked, expected: &Pose, cloud: &Arc<Cloud>) -> Tracked {
+        let mut best = (self.cost(&tracked, cloud), tracked);
+        let last = self.last.clone();
+        for (start, sigma_cm) in [(expected.clone(), WIDE_CM), (last.clone(), WIDE_CM), (last, self.settings.sigma0_cm)] {
+            let other = self.follow(start.clone(), &start, cloud, sigma_cm);
+            self.take(&mut best, other, cloud);
+        }
+        for _ in 0..2 {
+            let missing: Vec<Limb> = self.limbs.iter().filter(|limb| self.usual.lacks(&best.1, limb) < SUSPECT).cloned().collect();
+            let mut better = false;
+            for limb in &missing {
+                let others = |part: usize| !missing.iter().any(|limb| limb.joints.contains(&part));
+                let cosine = self.settings.cosine;
+                let left = left_over(self.body, self.nearest.as_ref(), cloud, &best.1.parts, cosine, others);
+                for start in reach(self.body, limb, &best.1.pose, &left, self.limits.as_ref(), cosine, TRIED) {
+                    let other = self.follow(start.clone(), &start, cloud, REACH_CM);
+                    better |= self.take(&mut best, other, cloud);
+                }
+            }
+            if !better {
+                break;
+            }
+        }
+        best.1
+    }
+
+    /// Takes another explanation if it is clearly better.
+    fn take(&self, best: &mut (f64, Tracked), other: Tracked, cloud: &Cloud) -> bool {
+        let cost = self.cost(&other, cloud);
+        let better = cost < CLEARLY * best.0;
+        if better {
+            *best = (cost, Tracked { way: Way::Searched, ..other });
+        }
+        better
+    }
+
     /// The rounds of EM of one frame. Afterwards the forward kinematics are those of the pose.
-    fn rounds(&mut self, pose: &mut Pose, expected: &Pose, cloud: &Cloud) -> Vec<Round> {
+    fn rounds(&mut self, pose: &mut Pose, expected: &Pose, cloud: &Cloud, sigma0_cm: f64) -> Vec<Round> {
         let settings = &self.settings;
         let (body, tree) = (self.body, &self.body.tree);
         let Fit { posed, normal, expectation, step } = &mut self.fit;
         let mut pull = Pull { towards: expected.clone(), weights: vec![0.0; tree.freedom()] };
         let mut rounds = Vec::with_capacity(settings.rounds as usize);
-        let mut sigma_cm = settings.sigma0_cm;
+        let mut sigma_cm = sigma0_cm;
         expectation.forget(body, cloud);
         posed.set(tree, pose);
         for round in 0..settings.rounds {
-            if settings.method == Method::Planes {
-                let way = f64::from(round) / f64::from(settings.rounds.max(2) - 1);
-                sigma_cm = settings.sigma0_cm * (settings.sigma_end_cm / settings.sigma0_cm).powf(way);
-            }
+            // while sigma is large, a part of the points tells as much as all of them
+            let coarse = settings.method == Method::Planes && sigma_cm > COARSE_CM;
+            let every = if coarse { (cloud.points.len() / COARSE_POINTS).max(1) } else { 1 };
             let mixture = Mixture {
                 sigma_cm,
                 outlier: settings.outlier,
@@ -144,7 +276,7 @@ impl<'a> Tracker<'a> {
                 spacing_cm: settings.spacing_cm,
                 reach: settings.reach,
             };
-            expectation.step(body, self.nearest.as_ref(), cloud, &posed.parts, &mixture);
+            expectation.step(body, self.nearest.as_ref(), cloud, &posed.parts, &mixture, every);
             let found = &expectation.found;
             let at = At { tree, pose, posed };
             normal.clear();
@@ -173,16 +305,21 @@ impl<'a> Tracker<'a> {
             }
             let before = posed.centres.clone();
             posed.set(tree, pose);
-            let moved = before.iter().zip(&posed.centres).map(|(a, b)| (a - b).norm());
+            let moved_cm = before.iter().zip(&posed.centres).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
             rounds.push(Round {
                 log_likelihood: found.log_likelihood,
                 sigma_cm,
                 inliers: found.inliers,
-                moved_cm: moved.fold(0.0, f64::max),
+                moved_cm,
                 mass: found.mass.clone(),
                 residual_cm: found.squares.iter().zip(&found.mass).map(|(square, mass)| (square / mass).sqrt()).collect(),
             });
-            if settings.method == Method::Report {
+            if settings.method == Method::Planes {
+                if sigma_cm <= settings.sigma_end_cm && moved_cm < STILL_CM {
+                    break;
+                }
+                sigma_cm = moved_cm.min(sigma_cm * SHRINK).max(settings.sigma_end_cm);
+            } else {
                 let (mut sum, mut weight) = (0.0, 0.0);
                 for pair in &found.pairs {
                     let off = posed.parts[pair.part as usize].point(&pair.vertex) - pair.point;

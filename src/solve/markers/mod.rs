@@ -1,0 +1,8 @@
+//! The motion of a skeleton from labelled markers: every frame by itself first, then all frames at once with a prior on accelerations,
+//! so that a limb with few markers goes on moving as limbs do.
+
+mod band;
+mod pass;
+mod smooth;
+
+pub use pass::{Seen, Settings, Solution, solve};

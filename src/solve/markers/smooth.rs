@@ -1,0 +1,145 @@
+//! All frames at once: Gauss-Newton on markers, limits and accelerations.
+//!
+//! Done in windows that overlap, each on a core of its own. What a frame is told by another fades within a few frames, so a window's inner frames
+//! do not notice its edges; memory depends on the window, not on the take; and the result does not depend on the number of cores.
+
+use super::Seen;
+use super::band::Band;
+use crate::solve::ik::terms::{At, Limits, Marker};
+use crate::solve::ik::{Normal, Pose, Posed, Term, Tree};
+use rayon::prelude::*;
+
+/// Frames of a window that are kept.
+const INNER: usize = 384;
+/// Frames on either side that are solved with them.
+const MARGIN: usize = 48;
+/// Accelerations below this are noise, radians or centimetres per frame².
+const LEAST: f64 = 1e-3;
+/// Keeps what nobody sees and nothing holds where it is.
+const STILL: f64 = 1e-6;
+
+/// What is solved.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Task<'a> {
+    pub tree: &'a Tree,
+    pub limits: Option<&'a Limits>,
+    pub markers: &'a [Marker],
+    pub seen: &'a Seen,
+    /// For each marker, what its weights are multiplied by.
+    pub trust: &'a [f64],
+}
+
+/// One step for each weight of `strengths`: the weight of accelerations of the usual size, against squared centimetres.
+pub(super) fn smooth(task: &Task<'_>, poses: &[Pose], strengths: &[f64]) -> Vec<Pose> {
+    let frames = poses.len();
+    if frames < 3 {
+        return poses.to_vec();
+    }
+    let usual = usual_accelerations(task.tree, poses);
+    let windows: Vec<Vec<Pose>> = (0..frames.div_ceil(INNER))
+        .into_par_iter()
+        .map_init(
+            || Memory { normal: Normal::new(task.tree), posed: Posed::new(task.tree), band: Band::default(), speeds: Vec::new() },
+            |memory, window| {
+                let (first, last) = (window * INNER, ((window + 1) * INNER).min(frames));
+                let (from, to) = (first.saturating_sub(MARGIN), (last + MARGIN).min(frames));
+                let mut own = poses[from..to].to_vec();
+                for strength in strengths {
+                    if !step(task, from, &mut own, &usual, *strength, memory) {
+                        break;
+                    }
+                }
+                own.drain(first - from..last - from).collect()
+            },
+        )
+        .collect();
+    windows.into_iter().flatten().collect()
+}
+
+struct Memory {
+    normal: Normal,
+    posed: Posed,
+    band: Band,
+    speeds: Vec<f64>,
+}
+
+/// A step of the frames from `first` on. False if there is none.
+fn step(task: &Task<'_>, first: usize, poses: &mut [Pose], usual: &[f64], strength: f64, memory: &mut Memory) -> bool {
+    let Memory { normal, posed, band, speeds } = memory;
+    let tree = task.tree;
+    let (n, frames) = (tree.freedom(), poses.len());
+    band.clear(n, frames);
+    for (frame, pose) in poses.iter().enumerate() {
+        posed.set(tree, pose);
+        normal.clear();
+        for (marker, x, weight) in task.seen.frame(first + frame) {
+            let part = task.markers[marker].part;
+            let place = posed.parts[part].point(&task.markers[marker].place());
+            normal.blocks[part].point(&place, weight * task.trust[marker], &(place - x));
+        }
+        if let Some(limits) = task.limits {
+            limits.add(&At { tree, pose, posed }, normal);
+        }
+        normal.gather(tree, posed);
+        band.set(frame, normal.matrix());
+        for (dof, gradient) in normal.gradient().iter().enumerate() {
+            band.couple(frame, dof, 0, STILL);
+            band.right[frame * n + dof] = -gradient;
+        }
+    }
+    find_speeds(tree, poses, speeds);
+    for frame in 1..frames.max(1) - 1 {
+        for (joint, usual) in usual.iter().enumerate() {
+            // a heavy tail: what is much faster than usual is no noise
+            let weight = strength / (usual * usual + square(tree, speeds, frame, joint));
+            for dof in tree.own(joint) {
+                let acceleration = speeds[frame * n + dof] - speeds[(frame - 1) * n + dof];
+                for (at, factor) in [(frame - 1, 1.0), (frame, -2.0), (frame + 1, 1.0)] {
+                    band.couple(at, dof, 0, weight * factor * factor);
+                    band.right[at * n + dof] -= weight * factor * acceleration;
+                }
+                band.couple(frame - 1, dof, 1, -2.0 * weight);
+                band.couple(frame, dof, 1, -2.0 * weight);
+                band.couple(frame - 1, dof, 2, weight);
+            }
+        }
+    }
+    let solved = band.solve();
+    if solved {
+        for (pose, step) in poses.iter_mut().zip(band.right.chunks_exact(n)) {
+            pose.update(tree, step, 1.0);
+        }
+    }
+    solved
+}
+
+/// What leads from each frame to the next.
+fn find_speeds(tree: &Tree, poses: &[Pose], speeds: &mut Vec<f64>) {
+    let n = tree.freedom();
+    speeds.clear();
+    speeds.resize(poses.len().saturating_sub(1) * n, 0.0);
+    for (speed, pair) in speeds.chunks_exact_mut(n).zip(poses.windows(2)) {
+        pair[1].since(tree, &pair[0], speed);
+    }
+}
+
+/// The mean square of the acceleration of a joint's degrees of freedom.
+fn square(tree: &Tree, speeds: &[f64], frame: usize, joint: usize) -> f64 {
+    let n = tree.freedom();
+    let own = tree.own(joint);
+    let count = own.len() as f64;
+    own.map(|dof| (speeds[frame * n + dof] - speeds[(frame - 1) * n + dof]).powi(2)).sum::<f64>() / count
+}
+
+/// For each joint, the median of its accelerations.
+fn usual_accelerations(tree: &Tree, poses: &[Pose]) -> Vec<f64> {
+    let mut speeds = Vec::new();
+    find_speeds(tree, poses, &mut speeds);
+    let joints = (0..tree.joints()).into_par_iter().map(|joint| {
+        let mut sizes: Vec<f64> = (1..poses.len() - 1).map(|frame| square(tree, &speeds, frame, joint).sqrt()).collect();
+        let middle = sizes.len() / 2;
+        let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
+        median.max(LEAST)
+    });
+    joints.collect()
+}
