@@ -97,6 +97,7 @@ enum MethodArg {
 
 /// `mocap-repair track`.
 #[derive(Debug, Args)]
+#[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
 pub(super) struct TrackArgs {
     /// The clouds, one file for each frame: %d or %03d stands for its number
     #[arg(value_name = "CLOUDS_%03d.off", value_parser = Pattern::parse)]
@@ -139,6 +140,15 @@ pub(super) struct TrackArgs {
     /// The table of frames [default: the output's name with .frames.csv]
     #[arg(long, value_name = "FILE.csv")]
     csv: Option<PathBuf>,
+    /// The log for Foxglove or Lichtblick [default: the output's name with .mcap]
+    #[arg(long, value_name = "FILE.mcap", conflicts_with = "no_log")]
+    log: Option<PathBuf>,
+    /// Write no log
+    #[arg(long)]
+    no_log: bool,
+    /// Show at most so many frames per second in the log's clouds and skeleton
+    #[arg(long, value_name = "HZ", value_parser = positive, conflicts_with = "no_log")]
+    log_rate: Option<f64>,
     /// Replace files that exist
     #[arg(long)]
     force: bool,
@@ -196,8 +206,8 @@ impl TrackArgs {
             order: self.order,
             output: self.output.clone(),
             table: self.csv.clone().unwrap_or_else(|| named("frames.csv")),
-            log: None,
-            log_rate_hz: None,
+            log: (!self.no_log).then(|| self.log.clone().unwrap_or_else(|| named("mcap"))),
+            log_rate_hz: self.log_rate,
             force: self.force,
         }
     }

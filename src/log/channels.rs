@@ -29,6 +29,7 @@ macro_rules! descriptor {
         include_bytes!(concat!(env!("OUT_DIR"), "/", $message, ".binpb"))
     };
 }
+pub(super) use descriptor;
 
 impl Channel {
     /// All of them, in the order in which messages of the same time are written.

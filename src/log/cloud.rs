@@ -18,10 +18,10 @@ pub(super) const OBSERVED: Rgba = [86, 180, 233, 255];
 /// It was filled.
 pub(super) const FILLED: Rgba = [255, 145, 0, 255];
 /// As the file has it: in the background of what was made of it.
-const RAW: Rgba = [170, 170, 170, 255];
+pub(super) const RAW: Rgba = [170, 170, 170, 255];
 
 /// What each point consists of: name, place in bytes, type.
-const FIELDS: [(&str, u32, NumericType); 10] = [
+pub(super) const FIELDS: [(&str, u32, NumericType); 10] = [
     ("x", 0, NumericType::Float32),
     ("y", 4, NumericType::Float32),
     ("z", 8, NumericType::Float32),
@@ -36,12 +36,17 @@ const FIELDS: [(&str, u32, NumericType); 10] = [
 
 /// The cloud without its points, to be given them frame by frame.
 pub(super) fn empty() -> PointCloud {
+    of_fields(STRIDE, &FIELDS)
+}
+
+/// The same with other fields: name, place in bytes, type.
+pub(super) fn of_fields(stride: u32, fields: &[(&str, u32, NumericType)]) -> PointCloud {
     PointCloud {
         timestamp: None,
         frame_id: FRAME_ID.to_owned(),
         pose: Some(IDENTITY),
-        point_stride: STRIDE,
-        fields: FIELDS
+        point_stride: stride,
+        fields: fields
             .iter()
             .map(|&(name, offset, kind)| PackedElementField { name: name.to_owned(), offset, r#type: kind.into() })
             .collect(),

@@ -7,7 +7,7 @@ use super::channels::Channel;
 use super::mcap::{About, Attachment};
 use super::metadata::Stage;
 use super::names::{self, unique};
-use super::{FRAME_ID, ROOM_ID, Shown, axes, frames};
+use super::{FRAME_ID, ROOM_ID, Shown, Up, axes, frames};
 use crate::bones;
 use formats::Origin;
 use serde_json::{Value, json};
@@ -68,46 +68,47 @@ fn layout(about: &About, shown: &Shown<'_>, stages: &[Stage]) -> Value {
 }
 
 /// Two parts of the window, the first of which takes `percent` of it.
-fn pair(direction: &str, percent: u32, first: &Value, second: &Value) -> Value {
+pub(super) fn pair(direction: &str, percent: u32, first: &Value, second: &Value) -> Value {
     json!({ "direction": direction, "splitPercentage": percent, "first": first, "second": second })
 }
 
 /// Each viewer looks for a panel's title under a name of its own.
-fn titled(title: &str, mut config: Value) -> Value {
+pub(super) fn titled(title: &str, mut config: Value) -> Value {
     config["foxglovePanelTitle"] = json!(title);
     config["lichtblickPanelTitle"] = json!(title);
     config
 }
 
-/// Clouds and skeleton, seen from the side, with everything in view.
+/// Clouds and skeleton of a take.
 fn space(about: &About, shown: &Shown<'_>) -> Value {
-    let turned = axes::transform(about.up).is_some();
-    let (centre, size) = extent(about, shown);
-    // where no field is named, viewers choose a field and a mode of their own
-    let cloud =
-        |size: u32| json!({ "visible": true, "colorMode": "rgba-fields", "colorField": "red", "pointShape": "circle", "pointSize": size });
-    titled(
-        "Take",
-        json!({
-            "cameraState": {
-                "perspective": true, "distance": (size * 1.6).max(2.0), "phi": 70, "thetaOffset": 45, "targetOffset": centre,
-                "target": [0, 0, 0], "targetOrientation": [0, 0, 0, 1], "fovy": 45, "near": 0.01, "far": 5000
-            },
-            "followMode": "follow-none",
-            "followTf": if turned { ROOM_ID } else { FRAME_ID },
-            "scene": { "transforms": { "visible": false, "labelSize": 0 } },
-            "topics": {
-                Channel::Raw.topic(): cloud(5),
-                Channel::Repaired.topic(): cloud(7),
-                Channel::Skeleton.topic(): { "visible": true },
-            },
-            "layers": { "grid": {
-                "layerId": "foxglove.Grid", "instanceId": "grid", "label": "Floor", "visible": true, "order": 1, "size": 10, "divisions": 20,
-                "lineWidth": 1, "color": "#80808080", "position": [0, 0, 0], "rotation": [0, 0, 0],
-                "frameId": if turned { ROOM_ID } else { FRAME_ID }
-            } },
-        }),
-    )
+    let topics =
+        json!({ Channel::Raw.topic(): cloud(5), Channel::Repaired.topic(): cloud(7), Channel::Skeleton.topic(): { "visible": true } });
+    titled("Take", seen_from_the_side(about.up, extent(about, shown), &topics))
+}
+
+/// How a cloud is drawn. Where no field is named, viewers choose a field and a mode of their own.
+pub(super) fn cloud(size: u32) -> Value {
+    json!({ "visible": true, "colorMode": "rgba-fields", "colorField": "red", "pointShape": "circle", "pointSize": size })
+}
+
+/// A view of these topics from the side, with everything in view. `extent`: centre and largest size, in metres.
+pub(super) fn seen_from_the_side(up: Up, (centre, size): ([f64; 3], f64), topics: &Value) -> Value {
+    let frame = if axes::transform(up).is_some() { ROOM_ID } else { FRAME_ID };
+    json!({
+        "cameraState": {
+            "perspective": true, "distance": (size * 1.6).max(2.0), "phi": 70, "thetaOffset": 45, "targetOffset": centre,
+            "target": [0, 0, 0], "targetOrientation": [0, 0, 0, 1], "fovy": 45, "near": 0.01, "far": 5000
+        },
+        "followMode": "follow-none",
+        "followTf": frame,
+        "scene": { "transforms": { "visible": false, "labelSize": 0 } },
+        "topics": topics,
+        "layers": { "grid": {
+            "layerId": "foxglove.Grid", "instanceId": "grid", "label": "Floor", "visible": true, "order": 1, "size": 10, "divisions": 20,
+            "lineWidth": 1, "color": "#80808080", "position": [0, 0, 0], "rotation": [0, 0, 0],
+            "frameId": frame
+        } },
+    })
 }
 
 /// Centre of the take in the room and its largest size, in metres.
@@ -123,6 +124,11 @@ fn extent(about: &About, shown: &Shown<'_>) -> ([f64; 3], f64) {
             }
         }
     }
+    framed(about.up, sides)
+}
+
+/// Centre of places in the room and their largest size, from the coordinates of each axis in metres.
+pub(super) fn framed(up: Up, mut sides: [Vec<f64>; 3]) -> ([f64; 3], f64) {
     // a ghost in a corner of the room must not push the body out of the picture
     let (mut centre, mut size) = ([0.0; 3], 0.0f64);
     for (middle, side) in centre.iter_mut().zip(&mut sides) {
@@ -131,14 +137,14 @@ fn extent(about: &About, shown: &Shown<'_>) -> ([f64; 3], f64) {
         *middle = f64::midpoint(at(0.02), at(0.98));
         size = size.max(at(0.98) - at(0.02));
     }
-    let room = match about.up.direction() {
+    let room = match up.direction() {
         Some(up) => axes::in_room(up, centre),
         None => centre,
     };
     (room.map(|x| (x * 1000.0).round() / 1000.0), (size * 1000.0).round() / 1000.0)
 }
 
-fn plot(x_path: Option<&str>, curves: &[Value]) -> Value {
+pub(super) fn plot(x_path: Option<&str>, curves: &[Value]) -> Value {
     let mut config = json!({
         "paths": curves, "showLegend": curves.len() > 1, "legendDisplay": "left", "showPlotValuesInLegend": false, "showXAxisLabels": true,
         "showYAxisLabels": true, "isSynced": x_path.is_none(), "xAxisVal": if x_path.is_some() { "custom" } else { "timestamp" },
@@ -150,7 +156,7 @@ fn plot(x_path: Option<&str>, curves: &[Value]) -> Value {
     config
 }
 
-fn curve(path: &str, label: &str) -> Value {
+pub(super) fn curve(path: &str, label: &str) -> Value {
     json!({ "value": path, "enabled": true, "timestampMethod": "receiveTime", "label": label })
 }
 

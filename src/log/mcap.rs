@@ -9,22 +9,19 @@
 //! A run that is killed, or drops the log, leaves the final name as it was.
 
 use super::channels::{Channel, tick_ns, timestamp};
-use super::check::{Expected, check};
 use super::events::{self, Event};
 use super::frames::{Frames, Shown};
 use super::metadata::{Stage, metadata};
+use super::sink::{Sink, Topic};
 use super::{BoneResiduals, axes, describe, layout, schema};
 use crate::report::count;
 use crate::solve::{Observer, Outcome, Start, Step};
 use crate::staging;
-use ::mcap::records::{MessageHeader, Metadata};
-use ::mcap::{Compression, McapError, WriteOptions, Writer};
+use ::mcap::McapError;
 use formats::Direction;
 use prost::Message;
 use rayon::prelude::*;
-use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use tempfile::NamedTempFile;
@@ -164,6 +161,11 @@ pub struct Whole {
 }
 
 impl Whole {
+    /// A log that was proven.
+    pub(super) fn new(path: PathBuf, file: NamedTempFile, written: Written) -> Self {
+        Self { path, file, written }
+    }
+
     /// Gives the log its name, replacing what had that name before.
     ///
     /// # Errors
@@ -293,20 +295,11 @@ impl McapLog {
         // stable: what was told first stays first
         waiting.sort_by_key(|w| (w.log_time, w.channel as u8));
 
-        let messages = write(self.file.as_file_mut(), &waiting, frames.as_ref(), about.rate_hz, &metadata, &attachments)?;
-        self.file.as_file().sync_all()?;
-        let expected = Expected {
-            messages: messages.map(|(channel, count)| (channel.topic(), count)).into(),
-            attachments: attachments.len() as u64,
-            metadata,
-        };
-        check(self.file.path(), &expected).map_err(|error| match error {
-            LogError::Mcap(error) => LogError::Check(error.to_string()),
-            other => other,
-        })?;
-        let bytes = self.file.as_file().metadata()?.len();
-        let written = Written { messages: messages.iter().map(|(_, count)| count).sum(), bytes };
-        Ok(Whole { path: self.path, file: self.file, written })
+        let topics =
+            Channel::ALL.map(|channel| Topic { name: channel.topic(), schema: channel.schema(), descriptor: channel.descriptor() });
+        let mut sink = Sink::over(&self.path, self.file, &topics)?;
+        write(&mut sink, &waiting, frames.as_ref(), about.rate_hz)?;
+        sink.finish(&attachments, metadata)
     }
 
     /// The path that the log will have.
@@ -325,42 +318,9 @@ impl McapLog {
     }
 }
 
-/// Writes the whole file. All channels are declared, also those without messages, so that a reader always finds the same topics.
-/// `waiting` is sorted by time. Returns the number of messages of each channel.
-fn write(
-    file: &mut File,
-    waiting: &[Waiting],
-    frames: Option<&Frames<'_>>,
-    rate_hz: f64,
-    metadata: &Metadata,
-    attachments: &[Attachment],
-) -> Result<[(Channel, u64); Channel::ALL.len()], LogError> {
-    // Everything that decides about bytes is stated here, whatever the defaults of the library become.
-    let mut writer = WriteOptions::new()
-        .profile("")
-        .library(concat!("mocap-repair/", env!("CARGO_PKG_VERSION")))
-        .compression(Some(Compression::Zstd))
-        .compression_level(1) // against zstd's default of 3: a fifth quicker, 6 % larger
-        .compression_threads(0) // the default follows the machine, and the bytes follow the number
-        .chunk_size(Some(1 << 20))
-        .create(BufWriter::new(file))?;
-    let mut ids = [0; Channel::ALL.len()];
-    let mut schemas: BTreeMap<&str, u16> = BTreeMap::new();
-    for (id, channel) in ids.iter_mut().zip(Channel::ALL) {
-        let schema = match schemas.get(channel.schema()) {
-            Some(schema) => *schema,
-            None => writer.add_schema(channel.schema(), "protobuf", channel.descriptor())?,
-        };
-        schemas.insert(channel.schema(), schema);
-        *id = writer.add_channel(schema, channel.topic(), "protobuf", &BTreeMap::new())?;
-    }
-    let mut counts = Channel::ALL.map(|channel| (channel, 0));
-    let mut put = |writer: &mut Writer<_>, channel: Channel, log_time: u64, data: &[u8]| {
-        let count = &mut counts[channel as usize].1;
-        let header = MessageHeader { channel_id: ids[channel as usize], sequence: *count as u32, log_time, publish_time: log_time };
-        *count += 1;
-        writer.write_to_known_channel(&header, data)
-    };
+/// Writes all messages. `waiting` is sorted by time.
+fn write(sink: &mut Sink, waiting: &[Waiting], frames: Option<&Frames<'_>>, rate_hz: f64) -> Result<(), LogError> {
+    let mut put = |channel: Channel, log_time: u64, data: &[u8]| sink.put(channel as usize, log_time, data);
     let mut waiting = waiting.iter().peekable();
     let count = frames.map_or(0, Frames::count);
     let make = |block: usize| -> Vec<Vec<(Channel, Vec<u8>)>> {
@@ -382,9 +342,9 @@ fn write(
                         // what happened at this moment is told where its channel stands among those of the frame
                         let here = (log_time, *channel as u8);
                         while let Some(w) = waiting.next_if(|w| (w.log_time, w.channel as u8) <= here) {
-                            put(&mut writer, w.channel, w.log_time, &w.data)?;
+                            put(w.channel, w.log_time, &w.data)?;
                         }
-                        put(&mut writer, *channel, log_time, data)?;
+                        put(*channel, log_time, data)?;
                     }
                 }
                 Ok(())
@@ -395,26 +355,8 @@ fn write(
         made = next;
     }
     for w in waiting {
-        put(&mut writer, w.channel, w.log_time, &w.data)?;
+        put(w.channel, w.log_time, &w.data)?;
     }
-    for attachment in attachments {
-        writer.attach(&::mcap::Attachment {
-            log_time: 0,
-            create_time: 0, // a wall clock would make every log different
-            name: attachment.name.clone(),
-            media_type: attachment.media_type.clone(),
-            data: attachment.bytes.as_slice().into(),
-        })?;
-    }
-    writer.write_metadata(metadata)?;
-    writer.finish()?;
-    flush(writer)?;
-    Ok(counts)
-}
-
-/// Empties the buffer between library and file, whose errors would be lost if it were just dropped.
-fn flush(writer: Writer<BufWriter<&mut File>>) -> io::Result<()> {
-    writer.into_inner().into_inner().map_err(io::IntoInnerError::into_error)?;
     Ok(())
 }
 

@@ -3,6 +3,7 @@
 //! [`McapLog`] writes a file that viewers for robotics logs plot and play; `docs/mcap-log.md` describes it for its readers.
 
 mod axes;
+mod body;
 mod bone_residuals;
 mod channels;
 mod check;
@@ -16,8 +17,10 @@ mod metadata;
 mod names;
 mod read;
 mod replay;
+mod sink;
 mod skeleton;
 mod terminal;
+mod track;
 
 /// The messages of the log, generated from the definitions in `proto/`, whose comments they carry.
 pub mod schema {
@@ -49,3 +52,4 @@ pub use metadata::METADATA;
 pub use read::{LogReadError, attachment, extract_layout, is_unfinished};
 pub(crate) use replay::{Told, replay};
 pub use terminal::Terminal;
+pub use track::{TrackAbout, TrackLog};

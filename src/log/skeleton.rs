@@ -16,13 +16,13 @@ pub(super) const IDENTITY: Pose =
     Pose { position: Some(Vector3 { x: 0.0, y: 0.0, z: 0.0 }), orientation: Some(Quaternion { x: 0.0, y: 0.0, z: 0.0, w: 1.0 }) };
 
 /// Pixels.
-const LINE_WIDTH: f64 = 2.0;
+pub(super) const LINE_WIDTH: f64 = 2.0;
 /// Pixels.
 const FONT_SIZE: f64 = 12.0;
 /// Balls are as large as the predicted error, within these limits, in metres.
 const RADII: (f64, f64) = (0.012, 0.25);
 
-fn color(rgba: Rgba, opaque: f64) -> Color {
+pub(super) fn color(rgba: Rgba, opaque: f64) -> Color {
     let [r, g, b, _] = rgba.map(|byte| f64::from(byte) / 255.0);
     Color { r, g, b, a: opaque }
 }
@@ -36,7 +36,7 @@ fn at(p: [f64; 3]) -> Pose {
     Pose { position: Some(Vector3 { x, y, z }), ..IDENTITY }
 }
 
-fn entity(id: &str, time: Timestamp) -> SceneEntity {
+pub(super) fn entity(id: &str, time: Timestamp) -> SceneEntity {
     SceneEntity {
         timestamp: Some(time),
         frame_id: FRAME_ID.to_owned(),

@@ -9,6 +9,7 @@ mod sequence;
 
 use crate::compression;
 use crate::error::Left;
+use crate::log::{Attachment, Ended, LogError, TrackAbout, TrackLog};
 use crate::output::{Names, unwritable};
 use crate::repair::RepairError;
 use crate::rig::bvh::Poses;
@@ -20,6 +21,7 @@ use formats::bvh::Order;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
 
@@ -29,6 +31,9 @@ pub use sequence::{Clouds, Frame, Pattern, Sequence};
 
 /// Who waits is told this often how far it is.
 const TELL_EVERY: Duration = Duration::from_millis(250);
+
+/// Frames that wait for the log, at most.
+const BEHIND: usize = 16;
 
 /// What is wanted.
 #[derive(Clone, Debug)]
@@ -64,6 +69,8 @@ pub struct Request {
 struct Followed {
     poses: Poses,
     frames: Vec<Seen>,
+    /// Where the log takes frames from.
+    to_log: Option<SyncSender<(Seen, Tracked)>>,
 }
 
 /// Follows a body through a sequence of clouds.
@@ -77,32 +84,51 @@ pub fn track(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBool
     request.check_names(&sequence)?;
     let rig = read_rig(&request.rig)?;
     let mut report = Report::new(request, &rig);
-    let followed = follow(request, &rig, &sequence, watch, interrupt)?;
+    let log = start_log(request, &rig, &sequence, &mut report);
+    let (followed, log) = follow(request, &rig, &sequence, log, watch, interrupt)?;
     report.took = began.elapsed();
     report.judge(&followed.frames, &rig);
     watch.phase("writing and checking the motion");
-    write_out(request, &rig, &followed, report)
+    write_out(request, &rig, &followed, log, report)
 }
 
-/// Goes through the sequence, frame by frame.
-fn follow(
+/// Begins the log. That it cannot be written does not keep the body from being followed: it is reported.
+fn start_log<'a>(request: &Request, rig: &'a Rig, sequence: &Sequence, report: &mut Report) -> Option<TrackLog<'a>> {
+    let path = request.log.as_ref()?;
+    match TrackLog::create(path, rig, request.about(sequence)) {
+        Ok(log) => Some(log),
+        Err(error) => {
+            report.log_failed(path, &error);
+            None
+        }
+    }
+}
+
+/// Goes through the sequence, frame by frame. The log is written by a thread of its own, a few frames behind.
+fn follow<'a>(
     request: &Request,
     rig: &Rig,
     sequence: &Sequence,
+    mut log: Option<TrackLog<'a>>,
     watch: &mut dyn Observer,
     interrupt: &AtomicBool,
-) -> Result<Followed, RepairError> {
-    std::thread::scope(|scope| {
+) -> Result<(Followed, Option<TrackLog<'a>>), RepairError> {
+    let followed = std::thread::scope(|scope| {
         let mut followed = Followed::default();
+        if let Some(log) = &mut log {
+            let (to_log, done) = sync_channel::<(Seen, Tracked)>(BEHIND);
+            followed.to_log = Some(to_log);
+            scope.spawn(move || done.iter().for_each(|(seen, tracked)| log.frame(&seen, &tracked)));
+        }
         let mut tracker = Tracker::new(&rig.body, rig.limits.as_ref(), rig.start.clone(), request.settings);
         // what was pushed comes out in the same order, but perhaps later
         let mut pushed = VecDeque::new();
         let (began, mut told) = (Instant::now(), Instant::now());
         for frame in sequence.read(rig.unit.cm(), scope) {
             if interrupt.load(Ordering::Relaxed) {
-                return Err(RepairError::Interrupted { path: PathBuf::from(request.clouds.typed()), log: Left(None) });
+                return Err(Stopped::Interrupted);
             }
-            let Frame { number, cloud } = frame?;
+            let Frame { number, cloud } = frame.map_err(Stopped::Failed)?;
             let given = match &cloud {
                 None => Given::Missing,
                 Some(cloud) if cloud.points.is_empty() => Given::Empty,
@@ -118,8 +144,23 @@ fn follow(
             }
         }
         followed.take(rig, &mut pushed, tracker.finish());
+        followed.to_log = None; // which ends the log's thread
         Ok(followed)
-    })
+    });
+    match followed {
+        Ok(followed) => Ok((followed, log)),
+        Err(Stopped::Interrupted) => {
+            let log = Left(log.and_then(|log| log.leave(Ended::Interrupted)));
+            Err(RepairError::Interrupted { path: PathBuf::from(request.clouds.typed()), log })
+        }
+        Err(Stopped::Failed(error)) => Err(error),
+    }
+}
+
+/// Why a sequence was not followed to its end.
+enum Stopped {
+    Interrupted,
+    Failed(RepairError),
 }
 
 impl Followed {
@@ -128,22 +169,51 @@ impl Followed {
         for tracked in done {
             let Some((number, given)) = pushed.pop_front() else { continue };
             self.poses.push(rig, &tracked.pose, &tracked.centres);
-            self.frames.push(Seen::new(number, given, &tracked));
+            let seen = Seen::new(number, given, &tracked);
+            if let Some(to_log) = &self.to_log {
+                // the log's thread takes frames until there are no more
+                let _ = to_log.send((seen.clone(), tracked));
+            }
+            self.frames.push(seen);
         }
     }
 }
 
 /// Writes everything under hidden names, proves it, and puts it in place: the motion last.
-fn write_out(request: &Request, rig: &Rig, followed: &Followed, mut report: Report) -> Result<Report, RepairError> {
+fn write_out(
+    request: &Request,
+    rig: &Rig,
+    followed: &Followed,
+    log: Option<TrackLog<'_>>,
+    mut report: Report,
+) -> Result<Report, RepairError> {
     let motion = followed.poses.stage(rig, request.rate_hz, request.order, &request.output)?;
     let table = stage_table(&request.table, &followed.frames, rig)?;
+    let mut whole = None;
+    if let (Some(log), Some(path)) = (log, &request.log) {
+        let told =
+            Report { output: Some(request.output.clone()), table: Some(request.table.clone()), log: Some(path.clone()), ..report.clone() };
+        let attachment = Attachment {
+            name: "report.jsonl".to_owned(),
+            media_type: "application/jsonl".to_owned(),
+            bytes: told.json_for_log().into_bytes(),
+        };
+        match log.finish(Ended::Done, &report.results(), vec![attachment]) {
+            Ok(log) => whole = Some((path, log)),
+            Err(error) => report.log_failed(path, &error),
+        }
+    }
 
     // From here on everything is written; what remains are names.
     let mut placed = staging::Placed::default();
-    let place = |placed: &mut staging::Placed, file: NamedTempFile, path: &Path| {
-        placed.keep(path).and_then(|()| staging::publish(file, path)).map_err(|e| unwritable(path, &e))
-    };
-    place(&mut placed, table, &request.table)?;
+    placed.keep(&request.table).and_then(|()| staging::publish(table, &request.table)).map_err(|e| unwritable(&request.table, &e))?;
+    if let Some((path, log)) = whole {
+        placed.keep(path).map_err(|e| unwritable(path, &e))?;
+        match log.place() {
+            Ok(_) => report.log = Some(path.clone()),
+            Err(error) => report.log_failed(path, &error),
+        }
+    }
     staging::publish(motion, &request.output).map_err(|e| unwritable(&request.output, &e))?;
     placed.done();
     report.table = Some(request.table.clone());
@@ -181,11 +251,49 @@ impl Request {
         .check_beside()
     }
 
+    /// What the log is to know beforehand.
+    fn about(&self, sequence: &Sequence) -> TrackAbout {
+        let name = Path::new(self.clouds.typed()).file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        TrackAbout {
+            source_name: name,
+            rate_hz: self.rate_hz,
+            first_frame: sequence.first,
+            frames: sequence.frames(),
+            method: self.method_name().to_owned(),
+            options: self.options(),
+            cosine: self.settings.cosine,
+            log_rate_hz: self.log_rate_hz,
+        }
+    }
+
+    /// The options that shape the result, by name, for the records.
+    fn options(&self) -> Vec<(String, String)> {
+        let Settings { sigma0_cm, sigma_end_cm, cosine, outlier, rounds, .. } = self.settings;
+        let ball = if self.rig.swing_twist { "swing-twist" } else { "cones" };
+        [
+            ("sigma0", sigma0_cm.to_string()),
+            ("sigma_end", sigma_end_cm.to_string()),
+            ("nthresh", cosine.to_string()),
+            ("eoutlier", outlier.to_string()),
+            ("rounds", rounds.to_string()),
+            ("cst_ball", ball.to_owned()),
+            ("order", self.order.name().to_ascii_lowercase()),
+        ]
+        .map(|(name, value)| (name.to_owned(), value))
+        .into()
+    }
+
     /// The name of the method, as on the command line.
     pub fn method_name(&self) -> &'static str {
         match self.settings.method {
             Method::Planes => "planes",
             Method::Report => "report",
         }
+    }
+}
+
+impl Report {
+    fn log_failed(&mut self, path: &Path, error: &LogError) {
+        self.log_error = Some(format!("{}: {error}", path.display()));
     }
 }

@@ -232,6 +232,7 @@ impl Report {
     fn json_of(&self, name: impl Fn(&Path) -> String) -> String {
         #[derive(Serialize)]
         #[serde(tag = "message_type", rename_all = "snake_case")]
+        #[allow(clippy::large_enum_variant)] // a handful, written and forgotten
         enum Message<'a> {
             Note {
                 kind: &'a str,

@@ -9,6 +9,7 @@
 //! - `refusals`: what is refused, in which words, and that nothing is left behind
 //! - `reporting`: the report to look at
 //! - `interruptions`: runs that are killed
+//! - `tracking`: `track`
 //! - `terminal`: width, colours and characters of what is told
 //! - `config`: options from a file
 //! - `shells`: completions and manual pages
@@ -31,3 +32,4 @@ mod repairing;
 mod reporting;
 mod shells;
 mod terminal;
+mod tracking;

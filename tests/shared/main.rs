@@ -13,6 +13,7 @@ mod kineben;
 mod survey;
 mod tables;
 mod text;
+mod tracked;
 
 use formats::{Format, Notes, Origin, Stated, Take};
 use libtest_mimic::{Arguments, Failed, Trial};
@@ -234,5 +235,6 @@ fn main() {
         }
     }
     suite("repaired", tests);
+    suite("tracked", tracked::trials(&folder.join("data")));
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }
