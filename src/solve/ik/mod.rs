@@ -19,7 +19,6 @@ mod tree;
 pub use block::{Block, Twist};
 pub use gauss_newton::{GaussNewton, Solved};
 pub use normal::Normal;
-pub(in crate::solve) use normal::{cholesky, cholesky_solve};
 pub use pose::{Pose, Posed, Rigid, State};
 pub use terms::Term;
 pub use tree::{Link, Motion, Tree};

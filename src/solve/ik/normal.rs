@@ -119,12 +119,12 @@ impl Normal {
 }
 
 /// Cholesky's factor of a lower triangle, in place, column by column. False if the matrix is not positive definite.
-pub(in crate::solve) fn cholesky(matrix: &mut [f64], size: usize) -> bool {
+fn cholesky(matrix: &mut [f64], size: usize) -> bool {
     pulp::Arch::new().dispatch(|| factorise(matrix, size))
 }
 
 /// Solves with a factor, in place. False if a number is not finite.
-pub(in crate::solve) fn cholesky_solve(factor: &[f64], x: &mut [f64]) -> bool {
+fn cholesky_solve(factor: &[f64], x: &mut [f64]) -> bool {
     pulp::Arch::new().dispatch(|| solve(factor, x))
 }
 

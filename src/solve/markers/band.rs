@@ -1,6 +1,6 @@
 //! A symmetric band of frames: every frame is coupled to itself, and its degrees of freedom each to their own in the two frames that follow.
 
-/// The matrix column by column, each with the entries from the diagonal down to two frames below it: Cholesky's factor has no others.
+/// The matrix column by column, each with the entries from the diagonal down to two frames below it (Cholesky's factor has no others) and a few zeros.
 /// It is used again and again without giving back its memory.
 #[derive(Clone, Debug, Default)]
 pub struct Band {
@@ -16,14 +16,14 @@ impl Band {
     pub fn clear(&mut self, size: usize, frames: usize) {
         self.size = size;
         self.columns.clear();
-        self.columns.resize(frames * size * (2 * size + 1), 0.0);
+        self.columns.resize(frames * size * (2 * size + GROUP), 0.0);
         self.right.clear();
         self.right.resize(frames * size, 0.0);
     }
 
     fn column(&mut self, frame: usize, dof: usize) -> &mut [f64] {
-        let length = 2 * self.size + 1;
-        &mut self.columns[(frame * self.size + dof) * length..][..length]
+        let stride = 2 * self.size + GROUP;
+        &mut self.columns[(frame * self.size + dof) * stride..][..=2 * self.size]
     }
 
     /// Sets the block of a frame: a lower triangle, column by column, `size × size`.
@@ -43,41 +43,57 @@ impl Band {
     /// Solves. The matrix is used up. False if it is not positive definite.
     pub fn solve(&mut self) -> bool {
         let length = 2 * self.size + 1;
-        let (columns, right) = (&mut self.columns, &mut self.right);
-        pulp::Arch::new().dispatch(|| eliminate(columns, right, length)) && self.right.iter().all(|x| x.is_finite())
+        pulp::Arch::new().dispatch(Eliminate { columns: &mut self.columns, right: &mut self.right, length })
+            && self.right.iter().all(|x| x.is_finite())
     }
 }
 
-/// Cholesky's factor, column by column: from each are taken those before it, four at a time, so that it is loaded and stored once for four of them.
+/// A closure would not always be inlined into what is compiled for the machine's vector instructions.
+struct Eliminate<'a> {
+    columns: &'a mut [f64],
+    right: &'a mut [f64],
+    length: usize,
+}
+
+impl pulp::NullaryFnOnce for Eliminate<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn call(self) -> bool {
+        eliminate(self.columns, self.right, self.length)
+    }
+}
+
+/// Columns that are taken off another at once, so that it is loaded and stored once for all of them.
+const GROUP: usize = 8;
+
+/// Cholesky's factor, column by column: from each are taken those before it, the nearest first. Then the right side, down and up again.
 #[inline(always)]
 fn eliminate(columns: &mut [f64], right: &mut [f64], length: usize) -> bool {
+    let stride = length + GROUP - 1;
     for at in 0..right.len() {
-        let (done, rest) = columns.split_at_mut(at * length);
+        let (done, rest) = columns.split_at_mut(at * stride);
         let column = &mut rest[..length];
-        let first = (at + 1).saturating_sub(length);
-        let mut earlier = first;
-        while earlier + 4 <= at {
-            // the farthest reaches least far down
-            let [a, b, c, d] = [0, 1, 2, 3].map(|k| &done[(earlier + k) * length + at - earlier - k..(earlier + k + 1) * length]);
-            let [fa, fb, fc, fd] = [a[0], b[0], c[0], d[0]];
-            let common = a.len();
-            for ((((to, a), b), c), d) in column[..common].iter_mut().zip(a).zip(&b[..common]).zip(&c[..common]).zip(&d[..common]) {
-                *to -= (fa * a + fb * b) + (fc * c + fd * d);
+        let reach = at.min(length - 1);
+        for group in 0..reach / GROUP {
+            let nearest = group * GROUP + 1;
+            let count = length - nearest;
+            // those that are farther away end sooner; behind their ends are zeros
+            let others: [&[f64]; GROUP] = std::array::from_fn(|k| &done[(at - nearest - k) * stride + nearest + k..][..count]);
+            let f: [f64; GROUP] = std::array::from_fn(|k| others[k][0]);
+            let [a, b, c, d, e, g, h, i] = others;
+            for (row, to) in column[..count].iter_mut().enumerate() {
+                let near = (f[0] * a[row] + f[1] * b[row]) + (f[2] * c[row] + f[3] * d[row]);
+                let far = (f[4] * e[row] + f[5] * g[row]) + (f[6] * h[row] + f[7] * i[row]);
+                *to -= near + far;
             }
-            for (more, (factor, other)) in [(fb, b), (fc, c), (fd, d)].into_iter().enumerate() {
-                for below in common..common + more + 1 {
-                    column[below] -= factor * other[below];
-                }
-            }
-            earlier += 4;
         }
-        while earlier < at {
-            let other = &done[earlier * length + at - earlier..(earlier + 1) * length];
+        for distance in reach / GROUP * GROUP + 1..=reach {
+            let other = &done[(at - distance) * stride + distance..(at - distance) * stride + length];
             let factor = other[0];
             for (to, from) in column.iter_mut().zip(other) {
                 *to -= factor * from;
             }
-            earlier += 1;
         }
         if !(column[0] > 0.0 && column[0].is_finite()) {
             return false;
@@ -94,10 +110,19 @@ fn eliminate(columns: &mut [f64], right: &mut [f64], length: usize) -> bool {
         }
     }
     for at in (0..right.len()).rev() {
-        let column = &columns[at * length..][..length];
+        let column = &columns[at * stride..][..length];
         let (own, others) = right[at..].split_at_mut(1);
-        let sum: f64 = column[1..].iter().zip(others.iter()).map(|(l, x)| l * x).sum();
-        own[0] = (own[0] - sum) / column[0];
+        let count = others.len().min(length - 1);
+        let mut sums = [0.0; 4];
+        let (fours, rest) = column[1..=count].as_chunks::<4>();
+        let (xs, rest_xs) = others[..count].as_chunks::<4>();
+        for (l, x) in fours.iter().zip(xs) {
+            for k in 0..4 {
+                sums[k] += l[k] * x[k];
+            }
+        }
+        let rest: f64 = rest.iter().zip(rest_xs).map(|(l, x)| l * x).sum();
+        own[0] = (own[0] - ((sums[0] + sums[1]) + (sums[2] + sums[3]) + rest)) / column[0];
     }
     true
 }

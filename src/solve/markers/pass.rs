@@ -2,9 +2,10 @@
 
 use super::smooth::{Task, smooth};
 use crate::solve::ik::gauss_newton::Rules;
-use crate::solve::ik::terms::{Limits, Marker, Markers, Pull};
+use crate::solve::ik::terms::{At, Limits, Marker, Markers};
 use crate::solve::ik::{GaussNewton, Pose, Posed, State, Term, Tree, Vec3};
 use nalgebra::{Matrix3, UnitQuaternion};
+use rayon::prelude::*;
 
 /// Where markers were seen.
 #[derive(Clone, Debug, Default)]
@@ -48,8 +49,8 @@ pub struct Solution {
     pub poses: Vec<Pose>,
 }
 
-/// How strongly a frame is pulled towards the one before, for what its markers do not say.
-const PULL: f64 = 1.0;
+/// How strongly a step is held back, for what markers do not say.
+const HOLD: f64 = 1.0;
 /// The weight of limits.
 pub(super) const LIMIT: f64 = 1e3;
 
@@ -62,45 +63,107 @@ pub fn solve(tree: &Tree, limits: Option<&Limits>, markers: &[Marker], seen: &Se
         }
         limits
     });
-    let mut solver = GaussNewton::new(tree);
-    let mut poses: Vec<Pose> = Vec::with_capacity(seen.frames);
-    let mut term = Markers::default();
-    for frame in 0..seen.frames {
-        term.seen.clear();
-        term.seen.extend(seen.frame(frame).map(|(at, x, weight)| (markers[at], *x, weight)));
-        let first = poses.is_empty();
-        let mut pose = match poses.last() {
-            Some(last) => last.clone(),
-            None => start(tree, &term),
-        };
-        let pull = Pull { towards: pose.clone(), weights: vec![PULL; tree.freedom()] };
-        let mut terms: Vec<&dyn Term> = vec![&term];
-        if let Some(limits) = &limits {
-            terms.push(limits);
-        }
-        let rules = if first {
-            Rules { iterations: 60, marquardt: 1e-3, ..Rules::default() }
-        } else {
-            terms.push(&pull);
-            Rules { iterations: 4, damping: 0.0, tolerance: 1e-3, ..Rules::default() }
-        };
-        solver.solve(tree, &terms, &mut pose, &rules);
-        poses.push(pose);
-    }
+    let mut poses = pass(tree, limits.as_ref(), markers, seen);
     if settings.smooth > 0.0 {
         let mut task = Task { tree, limits: limits.as_ref(), markers, seen, trust: &vec![1.0; seen.markers] };
-        poses = smooth(&task, &poses, &SETTLING.map(|strength| strength * settings.smooth));
+        poses = smooth(&task, &poses, SETTLING * settings.smooth, 2);
         let trust = trust(tree, markers, seen, &poses);
         task.trust = &trust;
-        poses = smooth(&task, &poses, &TRUSTING.map(|strength| strength * settings.smooth));
+        poses = smooth(&task, &poses, TRUSTING * settings.smooth, 1);
     }
     Solution { poses }
 }
 
-/// How strong accelerations are held at first, step by step: what markers do not hold is carried to where its neighbours in time are.
-const SETTLING: [f64; 3] = [100.0, 10.0, 1.0];
+/// Frames of one task. A constant, so that poses do not depend on the number of cores.
+const CHUNK: usize = 256;
+
+/// Every frame by itself, starting where the one before ended.
+fn pass(tree: &Tree, limits: Option<&Limits>, markers: &[Marker], seen: &Seen) -> Vec<Pose> {
+    let frames: Vec<usize> = (0..seen.frames).collect();
+    // All chunks at once, each from the reference pose ...
+    let mut chunks: Vec<Vec<Pose>> = frames
+        .par_chunks(CHUNK)
+        .map_init(
+            || Frame::new(tree, limits, markers),
+            |frame, chunk| {
+                let mut poses: Vec<Pose> = Vec::with_capacity(chunk.len());
+                for &at in chunk {
+                    let pose = poses.last().cloned();
+                    poses.push(frame.solve(seen, at, pose).0);
+                }
+                poses
+            },
+        )
+        .collect();
+    // ... and once more where the end of the chunk before would have been a better start.
+    let mut frame = Frame::new(tree, limits, markers);
+    for chunk in 1..chunks.len() {
+        let mut last = chunks[chunk - 1].last().cloned();
+        for at in 0..chunks[chunk].len() {
+            let own = frame.energy(seen, chunk * CHUNK + at, &chunks[chunk][at]);
+            let (pose, energy) = frame.solve(seen, chunk * CHUNK + at, last.take());
+            if own <= CLEARLY * energy || (own - energy).abs() <= SAME * energy {
+                break;
+            }
+            chunks[chunk][at].clone_from(&pose);
+            last = Some(pose);
+        }
+    }
+    chunks.into_iter().flatten().collect()
+}
+
+/// Energies that differ by less than this share are those of one pose.
+const SAME: f64 = 0.01;
+/// A pose whose energy is below this share of another's is clearly better.
+const CLEARLY: f64 = 0.8;
+
+/// Solves frames by themselves, in the same memory.
+struct Frame<'a> {
+    tree: &'a Tree,
+    limits: Option<&'a Limits>,
+    markers: &'a [Marker],
+    solver: GaussNewton,
+    seen: Markers,
+    posed: Posed,
+}
+
+impl<'a> Frame<'a> {
+    fn new(tree: &'a Tree, limits: Option<&'a Limits>, markers: &'a [Marker]) -> Self {
+        Self { tree, limits, markers, solver: GaussNewton::new(tree), seen: Markers::default(), posed: Posed::new(tree) }
+    }
+
+    fn look(&mut self, seen: &Seen, frame: usize) {
+        self.seen.seen.clear();
+        self.seen.seen.extend(seen.frame(frame).map(|(at, x, weight)| (self.markers[at], *x, weight)));
+    }
+
+    /// The pose and its energy.
+    fn solve(&mut self, seen: &Seen, frame: usize, before: Option<Pose>) -> (Pose, f64) {
+        self.look(seen, frame);
+        let (mut pose, rules) = match before {
+            // what markers do not say stays where it was
+            Some(pose) => (pose, Rules { iterations: 4, damping: HOLD, tolerance: 1e-3, ..Rules::default() }),
+            None => (start(self.tree, &self.seen), Rules { iterations: 60, marquardt: 1e-3, ..Rules::default() }),
+        };
+        let solved = match self.limits {
+            Some(limits) => self.solver.solve(self.tree, &[&self.seen, limits], &mut pose, &rules),
+            None => self.solver.solve(self.tree, &[&self.seen], &mut pose, &rules),
+        };
+        (pose, solved.energy)
+    }
+
+    fn energy(&mut self, seen: &Seen, frame: usize, pose: &Pose) -> f64 {
+        self.look(seen, frame);
+        self.posed.set(self.tree, pose);
+        let at = At { tree: self.tree, pose, posed: &self.posed };
+        self.seen.energy(&at) + self.limits.map_or(0.0, |limits| limits.energy(&at))
+    }
+}
+
+/// How strongly accelerations are held at first: what markers do not hold is carried to where its neighbours in time are.
+const SETTLING: f64 = 30.0;
 /// The same once it is known which markers can be trusted.
-const TRUSTING: [f64; 2] = [0.1, 0.1];
+const TRUSTING: f64 = 0.1;
 /// The variance that every marker has, against the mean of all.
 const COMMON: f64 = 0.5;
 

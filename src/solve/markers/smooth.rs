@@ -13,6 +13,8 @@ use rayon::prelude::*;
 const INNER: usize = 384;
 /// Frames on either side that are solved with them.
 const MARGIN: usize = 48;
+/// A step that changes nothing by more than this is the last, radians or centimetres.
+const SMALL: f64 = 0.3;
 /// Accelerations below this are noise, radians or centimetres per frame².
 const LEAST: f64 = 1e-3;
 /// Keeps what nobody sees and nothing holds where it is.
@@ -29,8 +31,8 @@ pub(super) struct Task<'a> {
     pub trust: &'a [f64],
 }
 
-/// One step for each weight of `strengths`: the weight of accelerations of the usual size, against squared centimetres.
-pub(super) fn smooth(task: &Task<'_>, poses: &[Pose], strengths: &[f64]) -> Vec<Pose> {
+/// Steps until they are small. `strength` is the weight of accelerations of the usual size, against squared centimetres.
+pub(super) fn smooth(task: &Task<'_>, poses: &[Pose], strength: f64, most: usize) -> Vec<Pose> {
     let frames = poses.len();
     if frames < 3 {
         return poses.to_vec();
@@ -44,8 +46,8 @@ pub(super) fn smooth(task: &Task<'_>, poses: &[Pose], strengths: &[f64]) -> Vec<
                 let (first, last) = (window * INNER, ((window + 1) * INNER).min(frames));
                 let (from, to) = (first.saturating_sub(MARGIN), (last + MARGIN).min(frames));
                 let mut own = poses[from..to].to_vec();
-                for strength in strengths {
-                    if !step(task, from, &mut own, &usual, *strength, memory) {
+                for _ in 0..most {
+                    if step(task, from, &mut own, &usual, strength, memory).is_none_or(|largest| largest < SMALL) {
                         break;
                     }
                 }
@@ -63,8 +65,8 @@ struct Memory {
     speeds: Vec<f64>,
 }
 
-/// A step of the frames from `first` on. False if there is none.
-fn step(task: &Task<'_>, first: usize, poses: &mut [Pose], usual: &[f64], strength: f64, memory: &mut Memory) -> bool {
+/// A step of the frames from `first` on. Returns the largest change of any degree of freedom, `None` if there is no step.
+fn step(task: &Task<'_>, first: usize, poses: &mut [Pose], usual: &[f64], strength: f64, memory: &mut Memory) -> Option<f64> {
     let Memory { normal, posed, band, speeds } = memory;
     let tree = task.tree;
     let (n, frames) = (tree.freedom(), poses.len());
@@ -104,13 +106,13 @@ fn step(task: &Task<'_>, first: usize, poses: &mut [Pose], usual: &[f64], streng
             }
         }
     }
-    let solved = band.solve();
-    if solved {
-        for (pose, step) in poses.iter_mut().zip(band.right.chunks_exact(n)) {
-            pose.update(tree, step, 1.0);
-        }
+    if !band.solve() {
+        return None;
     }
-    solved
+    for (pose, step) in poses.iter_mut().zip(band.right.chunks_exact(n)) {
+        pose.update(tree, step, 1.0);
+    }
+    Some(band.right.iter().fold(0.0, |largest, step| largest.max(step.abs())))
 }
 
 /// What leads from each frame to the next.

@@ -265,7 +265,7 @@ impl<'a> Tracker<'a> {
         let mut sigma_cm = sigma0_cm;
         expectation.forget(body, cloud);
         posed.set(tree, pose);
-        for round in 0..settings.rounds {
+        for _ in 0..settings.rounds {
             // while sigma is large, a part of the points tells as much as all of them
             let coarse = settings.method == Method::Planes && sigma_cm > COARSE_CM;
             let every = if coarse { (cloud.points.len() / COARSE_POINTS).max(1) } else { 1 };
