@@ -15,6 +15,7 @@ use super::schema::foxglove::{Log, PointCloud, log::Level};
 use super::schema::{EmRound, TrackedFrame, em_round, tracked_frame};
 use super::sink::Sink;
 use super::{axes, is_unfinished};
+use crate::report::count;
 use crate::rig::Rig;
 use crate::solve::ik::Vec3;
 use crate::solve::track::{Beside, Cloud, Tracked, Way};
@@ -107,6 +108,14 @@ impl<'a> TrackLog<'a> {
         if let Some(turn) = axes::transform(log.up) {
             log.put(Channel::Axes, 0, &turn.encode_to_vec());
         }
+        let (joints, frames) = (count(log.names.len(), "joint"), count(log.about.frames, "frame"));
+        log.say(
+            0,
+            log.about.first_frame,
+            false,
+            "track",
+            format!("a body of {joints} is followed through {frames} by {}", log.about.method),
+        );
         let notes: Vec<(bool, String)> = rig.notes.iter().map(|note: &Note| (note.matters(), note.to_string())).collect();
         for (matters, text) in notes {
             log.say(0, log.about.first_frame, matters, "body", text);
@@ -192,6 +201,8 @@ impl<'a> TrackLog<'a> {
             residual_cm: seen.residual_cm,
             lost_count: self.parts.iter().filter(|&&part| seen.lost[part]).count() as u32,
             parts: self.parts.iter().map(part).collect(),
+            log_likelihood: seen.log_likelihood,
+            sigma_cm: seen.sigma_cm,
         }
     }
 
