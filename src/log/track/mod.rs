@@ -32,6 +32,9 @@ use std::path::{Path, PathBuf};
 /// Points of a cloud that are farther than this from the body are drawn as such, cm.
 const BESIDE_CM: f64 = 3.0;
 
+/// About so many frames decide where the view looks.
+const VIEWED: usize = 300;
+
 /// What is known before the first frame.
 #[derive(Clone, Debug)]
 pub struct TrackAbout {
@@ -145,7 +148,8 @@ impl<'a> TrackLog<'a> {
             self.round(seen, tracked, round, *time);
         }
         self.rounds += tracked.rounds.len() as u64;
-        for centre in &tracked.centres {
+        let stride = (self.about.frames / VIEWED).max(1) as u32;
+        for centre in tracked.centres.iter().filter(|_| frame.is_multiple_of(stride)) {
             for (side, x) in self.sides.iter_mut().zip(centre.iter()) {
                 side.push(x * 1e-2);
             }
