@@ -52,8 +52,6 @@ const KNOWN_SIGMA_CM: f64 = 0.5;
 const MARKER_SIGMA_CM: f64 = 1.0;
 /// As many frames count as if each said something new: skin is off in the same way for long.
 const TELLING: f64 = 2.0;
-/// A marker goes to another part if its spread there is below this share of what it is.
-const CLEARLY: f64 = 0.3;
 /// Bones shorter than this have no length to estimate, cm.
 const SHORT_CM: f64 = 1.0;
 
@@ -65,7 +63,7 @@ pub fn calibrate(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[Kno
         tree: body.tree.clone(),
         reference: body.tree.clone(),
         scales: vec![1.0; body.tree.joints()],
-        parts: start.parts.clone(),
+        parts: known.iter().map(|known| known.part).collect(),
         first: start.offsets.clone(),
         offsets: start.offsets,
         sigma_cm: known.iter().map(|k| if k.place.is_some() { KNOWN_SIGMA_CM } else { OFFSET_SIGMA_CM }).collect(),
@@ -73,11 +71,11 @@ pub fn calibrate(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[Kno
     let every = (seen.frames / FRAMES).max(1);
     let frames: Vec<usize> = (0..seen.frames).step_by(every).collect();
     let mut rms_cm = f64::NAN;
-    for round in 0..ROUNDS {
+    for _ in 0..ROUNDS {
         let (markers, shown) = model.shown(seen);
         let poses = solve(&model.tree, limits, &markers, &shown, &Settings::default()).poses;
         let mut chosen: Vec<Pose> = frames.iter().map(|&frame| poses[frame].clone()).collect();
-        model.place(seen, &poses, known, round < ROUNDS / 2);
+        model.place(seen, &poses);
         for _ in 0..STEPS {
             model.step(seen, &frames, &mut chosen)?;
         }
@@ -98,11 +96,6 @@ fn sized(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[Known]) -> 
             sizes.par_iter().map(|&size| Some((size, begin(&body.scaled(size), limits, seen, known)?))).collect();
         fits.into_iter().flatten().min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
     };
-    if known.iter().all(|known| known.part.is_none()) {
-        // without parts the surface says less about sizes
-        let (about, _) = best((-2..=2).map(|step| 1.0 + 0.08 * f64::from(step)).collect())?;
-        return best((-1..=1).map(|step| about + 0.03 * f64::from(step)).collect());
-    }
     let (about, _) = best((-6..=6).map(|step| 1.0 + 0.04 * f64::from(step)).collect())?;
     best((-3..=3).map(|step| about + 0.01 * f64::from(step)).collect())
 }
@@ -147,10 +140,9 @@ impl Model {
     }
 
     /// Places markers that were not seen in the first frame: where they are on the average, in the axes of their part.
-    /// Those whose part nobody told go to the part on which they keep their place best, if `moving`.
-    fn place(&mut self, seen: &Seen, poses: &[Pose], known: &[Known], moving: bool) {
-        let told = |at: usize| known[at].part.is_some();
-        if (0..seen.markers).all(|at| self.offsets[at].is_some() && (told(at) || !moving)) {
+    /// Those whose part nobody told go to the part on which they keep their place best.
+    fn place(&mut self, seen: &Seen, poses: &[Pose]) {
+        if self.offsets.iter().all(Option::is_some) {
             return;
         }
         let mut posed = Posed::new(&self.tree);
@@ -171,24 +163,15 @@ impl Model {
                 let (count, sum, square) = sums[at * joints + part];
                 (square / count - (sum / count).norm_squared()).max(0.0)
             };
-            let free = !told(at) && moving;
-            let best = (0..joints)
-                .filter(|&part| self.parts[at].is_none_or(|own| own == part || (free && self.linked(own, part))))
-                .min_by(|&a, &b| spread(a).total_cmp(&spread(b)));
+            let best = self.parts[at].or_else(|| (0..joints).min_by(|&a, &b| spread(a).total_cmp(&spread(b))));
             let Some(best) = best else { continue };
-            let better = self.parts[at].is_none_or(|own| spread(best) < CLEARLY * spread(own));
             let (count, sum, _) = sums[at * joints + best];
-            if count > 0.0 && (self.offsets[at].is_none() || better) {
+            if count > 0.0 && self.offsets[at].is_none() {
                 self.parts[at] = Some(best);
                 self.offsets[at] = Some(sum / count);
                 self.first[at] = self.offsets[at];
             }
         }
-    }
-
-    /// True if one joint hangs on the other.
-    fn linked(&self, a: usize, b: usize) -> bool {
-        self.tree.links[a].parent == Some(b) || self.tree.links[b].parent == Some(a)
     }
 
     /// The centres of joints under the scales.
