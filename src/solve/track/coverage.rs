@@ -27,7 +27,7 @@ impl<'a> Beside<'a> {
             least = least.inf(&x);
             most = most.sup(&x);
         }
-        if !(least.x <= most.x) {
+        if least.x > most.x {
             (least, most) = (Vec3::zeros(), Vec3::zeros());
         }
         least -= Vec3::repeat(size_cm);
