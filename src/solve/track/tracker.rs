@@ -135,7 +135,7 @@ impl<'a> Tracker<'a> {
     /// The next frame; `None` if there is no cloud of it. Returns the frames that are done.
     pub fn push(&mut self, cloud: Option<Cloud>) -> Vec<Tracked> {
         let tracked = match cloud.filter(|cloud| !cloud.points.is_empty()) {
-            Some(cloud) => self.frame(Arc::new(cloud)),
+            Some(cloud) => self.frame(&Arc::new(cloud)),
             None => self.predicted(),
         };
         self.before = Some(std::mem::replace(&mut self.last, tracked.pose.clone()));
@@ -178,13 +178,13 @@ impl<'a> Tracker<'a> {
         }
     }
 
-    fn frame(&mut self, cloud: Arc<Cloud>) -> Tracked {
+    fn frame(&mut self, cloud: &Arc<Cloud>) -> Tracked {
         let expected = self.expected();
         let pose = expected.clone();
-        let mut tracked = self.follow(pose, &expected, &cloud, self.settings.sigma0_cm);
+        let mut tracked = self.follow(pose, &expected, cloud, self.settings.sigma0_cm);
         if self.settings.method == Method::Planes {
             if self.usual.troubled(&tracked, &self.limbs) {
-                tracked = self.search(tracked, &expected, &cloud);
+                tracked = self.search(tracked, &expected, cloud);
             }
             tracked.lost = self.usual.lost(&tracked, &self.limbs);
             self.usual.learn(&tracked);
