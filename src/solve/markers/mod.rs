@@ -2,7 +2,10 @@
 //! so that a limb with few markers goes on moving as limbs do.
 
 mod band;
+mod begin;
+mod calibrate;
 mod pass;
 mod smooth;
 
+pub use calibrate::{Calibration, Known, calibrate};
 pub use pass::{Seen, Settings, Solution, solve};

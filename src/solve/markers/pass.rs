@@ -1,10 +1,10 @@
 //! Frame by frame.
 
+use super::begin::placed;
 use super::smooth::{Task, smooth};
 use crate::solve::ik::gauss_newton::Rules;
 use crate::solve::ik::terms::{At, Limits, Marker, Markers};
-use crate::solve::ik::{GaussNewton, Pose, Posed, State, Term, Tree, Vec3};
-use nalgebra::{Matrix3, UnitQuaternion};
+use crate::solve::ik::{GaussNewton, Pose, Posed, Term, Tree, Vec3};
 use rayon::prelude::*;
 
 /// Where markers were seen.
@@ -143,7 +143,10 @@ impl<'a> Frame<'a> {
         let (mut pose, rules) = match before {
             // what markers do not say stays where it was
             Some(pose) => (pose, Rules { iterations: 4, damping: HOLD, tolerance: 1e-3, ..Rules::default() }),
-            None => (start(self.tree, &self.seen), Rules { iterations: 60, marquardt: 1e-3, ..Rules::default() }),
+            None => (
+                placed(self.tree, &self.seen.seen.iter().map(|(marker, x, _)| (marker.place(), *x)).collect::<Vec<_>>()),
+                Rules { iterations: 60, marquardt: 1e-3, ..Rules::default() },
+            ),
         };
         let solved = match self.limits {
             Some(limits) => self.solver.solve(self.tree, &[&self.seen, limits], &mut pose, &rules),
@@ -182,30 +185,4 @@ fn trust(tree: &Tree, markers: &[Marker], seen: &Seen, poses: &[Pose]) -> Vec<f6
     let variances: Vec<f64> = sums.iter().map(|(sum, count)| if *count > 0.0 { sum / count } else { 0.0 }).collect();
     let mean = (variances.iter().sum::<f64>() / seen.markers.max(1) as f64).max(1e-12);
     variances.iter().map(|variance| mean * (1.0 + COMMON) / (variance + COMMON * mean)).collect()
-}
-
-/// The reference pose, moved as a whole to where its markers are.
-fn start(tree: &Tree, seen: &Markers) -> Pose {
-    let mut pose = Pose::reference(tree);
-    let count = seen.seen.len() as f64;
-    if count < 3.0 {
-        return pose;
-    }
-    let mean = |of: &dyn Fn(&(Marker, Vec3, f64)) -> Vec3| seen.seen.iter().map(of).sum::<Vec3>() / count;
-    let (from, to) = (mean(&|(marker, ..)| marker.place()), mean(&|(_, x, _)| *x));
-    let moments: Matrix3<f64> = seen.seen.iter().map(|(marker, x, _)| (x - to) * (marker.place() - from).transpose()).sum();
-    let svd = moments.svd(true, true);
-    let (Some(u), Some(v)) = (svd.u, svd.v_t) else { return pose };
-    let mut flip = Matrix3::identity();
-    flip[(2, 2)] = (u * v).determinant().signum();
-    let rotation = UnitQuaternion::from_matrix(&(u * flip * v));
-    // the first joints that shift and turn carry it
-    let turning = tree.links.iter().position(|link| matches!(link.motion, crate::solve::ik::Motion::Ball));
-    let shifting = tree.links.iter().position(|link| matches!(link.motion, crate::solve::ik::Motion::Translate));
-    if let (Some(turning), Some(shifting)) = (turning, shifting) {
-        let centre = tree.links[turning].centre;
-        pose.0[turning] = State::Rotation(rotation);
-        pose.0[shifting] = State::Shift(to + rotation * (centre - from) - centre);
-    }
-    pose
 }

@@ -30,19 +30,43 @@ impl Body {
         Self { tree, vertices, normals, faces, parts, surfaces }
     }
 
+    /// The same body in another size.
+    #[must_use]
+    pub fn scaled(&self, factor: f64) -> Self {
+        let mut scaled = self.clone();
+        for vertex in &mut scaled.vertices {
+            *vertex *= factor;
+        }
+        for link in &mut scaled.tree.links {
+            link.centre *= factor;
+        }
+        scaled
+    }
+
     /// Where the vertices are when the parts have moved, cm.
     pub fn posed<'a>(&'a self, parts: &'a [Rigid]) -> impl Iterator<Item = Vec3> + 'a {
         self.vertices.iter().zip(&self.parts).map(|(x, &part)| parts[part].point(x))
     }
 
+    /// The axis along which the body is longest: upright bodies' up.
+    pub fn up(&self) -> Vec3 {
+        let size = self.size();
+        Vec3::ith(size.imax(), 1.0)
+    }
+
     /// From the lowest to the highest vertex along the longest side, cm.
     pub fn size_cm(&self) -> f64 {
+        self.size().max()
+    }
+
+    /// The sides of the box around the surface, cm.
+    fn size(&self) -> Vec3 {
         let (mut least, mut most) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
         for x in &self.vertices {
             least = least.inf(x);
             most = most.sup(x);
         }
-        (most - least).max().max(0.0)
+        (most - least).sup(&Vec3::zeros())
     }
 }
 

@@ -47,7 +47,7 @@ impl Settings {
         let planes = Self {
             method,
             sigma0_cm: 4.0,
-            sigma_end_cm: 0.7,
+            sigma_end_cm: 0.8,
             cosine: 0.6,
             outlier: 0.1,
             rounds: 12,
