@@ -14,7 +14,7 @@ mod variants;
 
 use clap::Parser;
 use mocap_repair::solve::track::{Method, Settings};
-use score::{Score, follow, score};
+use score::{Score, by_joint, follow, score};
 use std::io::{self, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -29,7 +29,7 @@ struct Args {
     /// Only variants whose names contain this
     #[arg(long, value_name = "TEXT", default_value = "")]
     only: String,
-    /// Print which frame was lost first, and in how many limbs were searched and found
+    /// Tell of each which frame was lost first, in how many limbs were searched and found, and the mean of each joint
     #[arg(long)]
     each: bool,
     /// Another seed for all of them
@@ -53,13 +53,17 @@ fn print(args: &Args, out: &mut dyn Write) -> Result<(), String> {
         .and_then(|()| writeln!(out, "| --- | --- | --- | --- | --- | --- |"))
         .map_err(unwritable)?;
     let mut put = |name: &str, sequence: &Sequence| {
-        let scores = [Method::Planes, Method::Report].map(|method| score(&sequence.joints, &follow(sequence, Settings::of(method))));
-        if args.each {
-            for (score, method) in scores.iter().zip(["default", "report"]) {
+        let scores = [Method::Planes, Method::Report].map(|method| {
+            let tracked = follow(sequence, Settings::of(method));
+            let score = score(&sequence.joints, &tracked);
+            if args.each {
+                let joints: Vec<String> = by_joint(&sequence.joints, &tracked).iter().map(|off| format!("{off:.2}")).collect();
                 let first = score.first_lost.map_or_else(String::new, |frame| format!(", first lost: {frame}"));
-                let _ = writeln!(io::stderr(), "{name}, {method}: searched in {:.1} %{first}", 100.0 * score.searched);
+                let searched = 100.0 * score.searched;
+                let _ = writeln!(io::stderr(), "{name}, {method:?}: searched in {searched:.1} %{first}; joints: {}", joints.join(" "));
             }
-        }
+            score
+        });
         let [planes, report] = scores.map(cells);
         writeln!(out, "| {name} | {} | {planes} | {report} |", sequence.clouds.len()).and_then(|()| out.flush()).map_err(unwritable)
     };

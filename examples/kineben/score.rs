@@ -60,6 +60,13 @@ pub fn score(truth: &[Vec<Vec3>], tracked: &[Tracked]) -> Score {
     }
 }
 
+/// For each joint its mean distance from the truth, cm; NaN where nobody knows.
+pub fn by_joint(truth: &[Vec<Vec3>], tracked: &[Tracked]) -> Vec<f64> {
+    let joints = truth.first().map_or(0, Vec::len);
+    let off = |joint: usize| truth.iter().zip(tracked).map(move |(truth, tracked)| (truth[joint] - tracked.centres[joint]).norm());
+    (0..joints).map(|joint| off(joint).sum::<f64>() / truth.len() as f64).collect()
+}
+
 fn mean(list: &[f64]) -> f64 {
     list.iter().sum::<f64>() / list.len().max(1) as f64
 }
