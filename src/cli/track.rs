@@ -135,7 +135,7 @@ pub(super) struct TrackArgs {
     /// How readily points are left out that belong to nothing: more leaves out more [default: 0.1]
     #[arg(long, value_name = "WEIGHT", value_parser = share)]
     eoutlier: Option<f64>,
-    /// Rounds of EM for each frame [default: 8, with --method report 10]
+    /// Rounds of EM for each frame [default: 12, with --method report 10]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
     rounds: Option<u32>,
     /// Order of the rotation channels in the BVH file

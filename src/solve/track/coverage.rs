@@ -27,7 +27,8 @@ impl<'a> Beside<'a> {
             least = least.inf(&x);
             most = most.sup(&x);
         }
-        if least.x > most.x {
+        let any = least.x <= most.x;
+        if !any {
             (least, most) = (Vec3::zeros(), Vec3::zeros());
         }
         least -= Vec3::repeat(size_cm);

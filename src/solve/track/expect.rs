@@ -135,7 +135,8 @@ fn chunk(
     let within = mixture.reach.powi(2) * (mixture.sigma_cm.powi(2) + mixture.spacing_cm.powi(2));
     let scale = -0.5 / (mixture.sigma_cm * mixture.sigma_cm);
     let scale_along = -0.5 / (mixture.sigma_cm * mixture.sigma_cm + mixture.spacing_cm * mixture.spacing_cm);
-    let peak = -1.5 * (std::f64::consts::TAU * mixture.sigma_cm * mixture.sigma_cm).ln() - ((parts.len() + 1) as f64).ln();
+    // Gaussians are as high as they are narrow, along the normal and across it
+    let peak = 0.5 * (scale / -std::f64::consts::PI).ln() + (scale_along / -std::f64::consts::PI).ln() - ((parts.len() + 1) as f64).ln();
     let mut near: Vec<(usize, u32, f64, f64)> = Vec::new();
     for (at, hints) in hints.chunks_exact_mut(joints).enumerate().step_by(every) {
         let (point, normal) = (cloud.points[first + at], cloud.normals[first + at]);

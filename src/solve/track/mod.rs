@@ -7,6 +7,8 @@ mod nearest;
 mod record;
 mod search;
 mod settings;
+#[cfg(test)]
+mod tests;
 mod tracker;
 
 pub use body::{Body, vertex_normals};

@@ -61,6 +61,10 @@ impl Nearest for Brute<'_> {
 
 /// Vertices of a leaf, at most.
 const LEAF: usize = 12;
+/// Boxes reach farther than their vertices by this, cm, which is more than distances are rounded by: what is as near as the best must not hide.
+const MARGIN_CM: f64 = 1e-9;
+/// Cones of normals likewise: the sine of a small angle is known to 1e-8 only, because it comes from the cosine.
+const MARGIN: f64 = 1e-7;
 
 /// A box of vertices.
 #[derive(Clone, Debug)]
@@ -131,7 +135,7 @@ fn split(body: &Body, names: &mut [u32], first: usize, nodes: &mut Vec<Node>) {
     let at = nodes.len();
     nodes.push(Node {
         middle: (least + most) / 2.0,
-        half: (most - least) / 2.0,
+        half: ((most - least) / 2.0).add_scalar(MARGIN_CM),
         axis,
         cosine,
         sine: (1.0 - cosine * cosine).max(0.0).sqrt(),
@@ -168,7 +172,7 @@ impl Node {
         }
         // the cosine of both angles together, which stay under half a turn
         let sum = self.cosine * query.cosine - self.sine * sine;
-        query.normal.dot(&self.axis) > sum - 1e-9 || query.normal == Vec3::zeros()
+        query.normal.dot(&self.axis) > sum - MARGIN || query.normal == Vec3::zeros()
     }
 }
 
