@@ -23,7 +23,7 @@ use crate::track::{Given, Seen};
 use ::mcap::McapError;
 use ::mcap::records::Metadata;
 use channels::Channel;
-use formats::{Direction, Note};
+use formats::Note;
 use prost::Message;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -73,15 +73,6 @@ pub struct TrackLog<'a> {
     broken: Option<LogError>,
 }
 
-/// Which way is up: bodies are taller than thick.
-fn up(rig: &Rig) -> Up {
-    let side = |k: usize| {
-        let coordinates = || rig.body.vertices.iter().map(move |x| x[k]);
-        coordinates().fold(f64::NEG_INFINITY, f64::max) - coordinates().fold(f64::INFINITY, f64::min)
-    };
-    Up::Guessed(Direction { axis: if side(1) >= side(2) { 1 } else { 2 }, positive: true })
-}
-
 impl<'a> TrackLog<'a> {
     /// Begins a log that will be called `path`, in a hidden temporary file of the same folder.
     ///
@@ -94,7 +85,7 @@ impl<'a> TrackLog<'a> {
             names: rig.names().collect(),
             parts: rig.with_surface(),
             limbs: Limbs::new(rig),
-            up: up(rig),
+            up: Up::Guessed(rig.up()),
             cloud: body::empty_cloud(),
             frames: 0,
             rounds: 0,
