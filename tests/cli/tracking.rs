@@ -258,7 +258,11 @@ fn frames_without_points_are_predicted_and_told() {
     let told: Vec<(u64, &str)> = notes.iter().map(|(time, note)| (*time, note.message.as_str())).collect();
     assert_eq!(
         told,
-        [(133_333_333, "the cloud has no points, the pose is predicted"), (233_333_333, "there is no cloud, the pose is predicted")]
+        [
+            (0, "a body of 3 joints is followed through 12 frames by planes"),
+            (133_333_333, "the cloud has no points, the pose is predicted"),
+            (233_333_333, "there is no cloud, the pose is predicted"),
+        ]
     );
     let ran = run(&lab, &["--json", "--force"]).with_code(3);
     let messages = ran.messages();

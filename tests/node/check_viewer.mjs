@@ -92,7 +92,7 @@ async function look(name, log, layout) {
   page.on("console", (message) => message.type() === "error" && complaints.push(message.text()));
   page.on("pageerror", (error) => complaints.push(error.message));
   await page.goto(`http://127.0.0.1:${server.address().port}/${key}`);
-  await page.getByText("/take/marker_state").first().waitFor({ timeout: 60_000 });
+  await page.getByText("/skeleton").first().waitFor({ timeout: 60_000 });
   await page.locator("canvas").first().waitFor({ timeout: 60_000 });
   await settle(page);
   return {

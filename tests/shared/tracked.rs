@@ -17,7 +17,7 @@ struct Bound {
 
 /// The report's own method is to be as good as it was measured elsewhere, and not much better.
 const BOUNDS: [Bound; 4] = [
-    Bound { sequence: "walk", method: Method::Planes, mean_cm: 0.0..0.45, worst_cm: 1.7 },
+    Bound { sequence: "walk", method: Method::Planes, mean_cm: 0.0..0.45, worst_cm: 1.75 },
     Bound { sequence: "gym", method: Method::Planes, mean_cm: 0.0..0.60, worst_cm: 2.5 },
     Bound { sequence: "walk", method: Method::Report, mean_cm: 1.01..1.51, worst_cm: f64::INFINITY },
     Bound { sequence: "gym", method: Method::Report, mean_cm: 8.84..13.26, worst_cm: f64::INFINITY },

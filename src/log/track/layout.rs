@@ -20,7 +20,11 @@ fn layout(up: Up, sides: [Vec<f64>; 3], parts: &[usize], names: &[&str]) -> Valu
         Channel::Model.name(): cloud(3),
         Channel::Skeleton.name(): { "visible": true },
     });
-    let of_rounds = |field: &str| plot(None, &[curve(&format!("{}.{field}", Channel::Rounds.name()), field)]);
+    // within a frame all of them go up or down, so where they end has a curve of its own
+    let of_rounds = |field: &str| {
+        let path = |channel: Channel| format!("{}.{field}", channel.name());
+        plot(None, &[curve(&path(Channel::Rounds), "rounds"), curve(&path(Channel::Frames), "last round")])
+    };
     let of_parts = |field: &str, most: usize| -> Vec<Value> {
         let path = |at: usize| format!("{}.parts[{at}].{field}", Channel::Frames.name());
         parts.iter().take(most).enumerate().map(|(at, &part)| curve(&path(at), names[part])).collect()

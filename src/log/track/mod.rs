@@ -15,6 +15,7 @@ use super::schema::foxglove::{Log, PointCloud, log::Level};
 use super::schema::{EmRound, TrackedFrame, em_round, tracked_frame};
 use super::sink::Sink;
 use super::{axes, is_unfinished};
+use crate::report::count;
 use crate::rig::Rig;
 use crate::solve::ik::Vec3;
 use crate::solve::track::{Beside, Cloud, Tracked, Way};
@@ -30,6 +31,9 @@ use std::path::{Path, PathBuf};
 
 /// Points of a cloud that are farther than this from the body are drawn as such, cm.
 const BESIDE_CM: f64 = 3.0;
+
+/// About so many frames decide where the view looks.
+const VIEWED: usize = 300;
 
 /// What is known before the first frame.
 #[derive(Clone, Debug)]
@@ -98,6 +102,14 @@ impl<'a> TrackLog<'a> {
         if let Some(turn) = axes::transform(log.up) {
             log.put(Channel::Axes, 0, &turn.encode_to_vec());
         }
+        let (joints, frames) = (count(log.names.len(), "joint"), count(log.about.frames, "frame"));
+        log.say(
+            0,
+            log.about.first_frame,
+            false,
+            "track",
+            format!("a body of {joints} is followed through {frames} by {}", log.about.method),
+        );
         let notes: Vec<(bool, String)> = rig.notes.iter().map(|note: &Note| (note.matters(), note.to_string())).collect();
         for (matters, text) in notes {
             log.say(0, log.about.first_frame, matters, "body", text);
@@ -127,7 +139,8 @@ impl<'a> TrackLog<'a> {
             self.round(seen, tracked, round, *time);
         }
         self.rounds += tracked.rounds.len() as u64;
-        for centre in &tracked.centres {
+        let stride = (self.about.frames / VIEWED).max(1) as u32;
+        for centre in tracked.centres.iter().filter(|_| frame.is_multiple_of(stride)) {
             for (side, x) in self.sides.iter_mut().zip(centre.iter()) {
                 side.push(x * 1e-2);
             }
@@ -183,6 +196,8 @@ impl<'a> TrackLog<'a> {
             residual_cm: seen.residual_cm,
             lost_count: self.parts.iter().filter(|&&part| seen.lost[part]).count() as u32,
             parts: self.parts.iter().map(part).collect(),
+            log_likelihood: seen.log_likelihood,
+            sigma_cm: seen.sigma_cm,
         }
     }
 
