@@ -27,6 +27,7 @@ enum MethodArg {
 
 /// `mocap-repair track`.
 #[derive(Debug, Args)]
+#[command(mut_arg("cst_unit", |arg| arg.requires("cst")), mut_arg("cst_ball", |arg| arg.requires("cst")))]
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
 pub(super) struct TrackArgs {
     /// The clouds, one file for each frame: %d or %03d stands for its number

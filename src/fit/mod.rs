@@ -9,10 +9,12 @@ mod seen;
 use crate::error::RepairError;
 use crate::fills;
 use crate::input::{Opened, Reading, expand, open, read};
+use crate::log::{FitAbout, write_fit_log};
 use crate::output::{Names, check_motion_name, put_in_place, unwritable};
 use crate::rig::bvh::Poses;
-use crate::rig::map::{Worn, read_map, wear};
-use crate::rig::{Rig, RigFiles, read_rig};
+use crate::rig::map::Worn;
+use crate::rig::wearer::WearerFiles;
+use crate::rig::{Rig, read_rig};
 use crate::solve::Observer;
 use crate::solve::ik::Posed;
 use crate::solve::ik::terms::Marker;
@@ -21,7 +23,7 @@ use crate::staging;
 use formats::bvh::Order;
 use formats::{Direction, Take};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 pub use report::{MarkerReport, Report, Unseen};
@@ -34,10 +36,8 @@ pub struct Request {
     pub input: PathBuf,
     /// What the user states about it.
     pub reading: Reading,
-    /// The body.
-    pub rig: RigFiles,
-    /// Where the markers sit on it.
-    pub map: PathBuf,
+    /// The body, and where the markers sit on it.
+    pub wearer: WearerFiles,
     /// The table of samples that were filled, with how sure they are.
     pub fills: Option<PathBuf>,
     /// How the motion is solved for.
@@ -48,6 +48,10 @@ pub struct Request {
     pub output: PathBuf,
     /// The table of frames to write.
     pub table: PathBuf,
+    /// The log to write, if any.
+    pub log: Option<PathBuf>,
+    /// The most frames per second that the log draws in space; all if absent.
+    pub log_rate_hz: Option<f64>,
     /// Replace files that exist.
     pub force: bool,
 }
@@ -60,9 +64,9 @@ pub fn fit(request: &Request, watch: &mut dyn Observer) -> Result<Report, Repair
     let began = Instant::now();
     request.check_names()?;
     watch.phase("reading the body and the take");
-    let rig = read_rig(&request.rig)?;
+    let rig = read_rig(&request.wearer.rig)?;
     let opened = open(&request.input, &request.reading)?;
-    let worn = request.worn(&rig, opened.document.take())?;
+    let worn = request.wearer.worn(&rig, opened.document.take())?;
     let sigmas = request.sigmas(opened.document.take())?;
     let turn = opened.document.take().up.map(|from| (from, rig.up())).filter(|(from, to)| from != to);
     let turned = turn.map(|(from, to)| opened.document.take().turned(from, to));
@@ -102,7 +106,20 @@ fn write_out(request: &Request, rig: &Rig, opened: &Opened, fitted: &Fitted<'_>,
         Ok(file)
     });
     let table = table.map_err(|e| unwritable(&request.table, &e))?;
-    put_in_place((table, &request.table), None, (motion, &request.output))?;
+    let mut whole = None;
+    if let Some(path) = &request.log {
+        let told =
+            Report { output: Some(request.output.clone()), table: Some(request.table.clone()), log: Some(path.clone()), ..report.clone() };
+        match write_fit_log(path, rig, &request.about(opened), fitted, &told) {
+            Ok(log) => whole = Some((path.as_path(), log)),
+            Err(error) => report.log_error = Some(format!("{}: {error}", path.display())),
+        }
+    }
+    let log = whole.as_ref().map(|(path, _)| path.to_path_buf());
+    match put_in_place((table, &request.table), whole, (motion, &request.output))? {
+        Some(error) => report.log_error = log.map(|path| format!("{}: {error}", path.display())),
+        None => report.log = log,
+    }
     report.table = Some(request.table.clone());
     report.output = Some(request.output.clone());
     Ok(report)
@@ -112,24 +129,29 @@ impl Request {
     /// No file that is read is written, and nothing that exists is overwritten unasked.
     fn check_names(&self) -> Result<(), RepairError> {
         check_motion_name(&self.output)?;
-        let rig = self.rig.all().into_iter().map(|(_, path)| path);
-        let tables = [Some(self.map.as_path()), self.fills.as_deref()];
         Names {
             input: &self.input,
             output: &self.output,
-            reads: rig.chain(tables.into_iter().flatten()).chain(self.reading.tables()).collect(),
-            beside: vec![&self.table],
+            reads: self.wearer.all().chain(self.fills.as_deref()).chain(self.reading.tables()).collect(),
+            beside: [Some(self.table.as_path()), self.log.as_deref()].into_iter().flatten().collect(),
             in_place: false,
             force: self.force,
         }
         .check_beside()
     }
 
-    /// Where the markers of the take sit.
-    fn worn(&self, rig: &Rig, take: &Take) -> Result<Worn, RepairError> {
-        let wrong = |error| RepairError::Map { path: self.map.clone(), error };
-        let placed = read_map(&expand(read(&self.map)?, &self.map)?, rig).map_err(wrong)?;
-        wear(&placed, take).map_err(wrong)
+    /// What the log is to know.
+    fn about(&self, opened: &Opened) -> FitAbout {
+        let bare = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let ball = if self.wearer.rig.swing_twist { "swing-twist" } else { "cones" };
+        let mut options = vec![
+            ("map".to_owned(), bare(&self.wearer.map)),
+            ("order".to_owned(), self.order.name().to_ascii_lowercase()),
+            ("cst_ball".to_owned(), ball.to_owned()),
+            ("smooth".to_owned(), self.settings.smooth.to_string()),
+        ];
+        options.extend(self.fills.iter().map(|path| ("fills".to_owned(), bare(path))));
+        FitAbout { source_name: bare(&self.input), source_sha256: opened.sha256.clone(), options, log_rate_hz: self.log_rate_hz }
     }
 
     /// How sure filled samples are, mm.

@@ -55,6 +55,10 @@ pub struct Report {
     pub output: Option<PathBuf>,
     /// The table of frames.
     pub table: Option<PathBuf>,
+    /// The log that was written.
+    pub log: Option<PathBuf>,
+    /// Why the log is not there although it was wanted.
+    pub log_error: Option<String>,
     /// Frames per second.
     pub rate_hz: f64,
     /// Number of frames.
@@ -99,6 +103,8 @@ impl Report {
             input: request.input.clone(),
             output: None,
             table: None,
+            log: None,
+            log_error: None,
             rate_hz: take.rate_hz,
             frames: take.frames(),
             unit: rig.unit.symbol(),
@@ -122,8 +128,9 @@ impl Report {
     pub fn judge(&mut self, fitted: &Fitted<'_>, rig: &Rig) {
         let names: Vec<&str> = rig.names().collect();
         self.absent.clone_from(&fitted.worn.absent);
-        self.unused.clone_from(&fitted.worn.unused);
         self.markers = (0..fitted.worn.markers.len()).map(|at| marker(fitted, at, &names)).collect();
+        self.unused.clone_from(&fitted.worn.strangers);
+        self.unused.extend(self.markers.iter().filter(|m| !m.counts || m.frames == 0).map(|m| m.label.clone()));
         let (squares, samples) = self.markers.iter().filter(|m| m.counts && m.frames > 0).fold((0.0, 0.0), |(squares, samples), m| {
             let frames = m.frames as f64;
             (squares + m.rms_cm * m.rms_cm * frames, samples + frames)
@@ -179,7 +186,21 @@ impl Report {
     /// 0 if every joint was told of, nothing was assumed or lost, and no marker is strange, else 3. (Errors have their own codes.)
     pub fn exit_code(&self) -> u8 {
         let left = !self.predicted.is_empty() || !self.unobserved.is_empty() || !self.absent.is_empty() || !self.strange().is_empty();
-        if left || self.notes.iter().any(Note::matters) { 3 } else { 0 }
+        if left || self.log_error.is_some() || self.notes.iter().any(Note::matters) { 3 } else { 0 }
+    }
+
+    /// Name and value pairs for the log's metadata.
+    pub fn results(&self) -> Vec<(String, String)> {
+        [
+            ("markers_used", self.used().to_string()),
+            ("markers_absent", self.absent.len().to_string()),
+            ("frames_predicted", Stretch::total(&self.predicted).to_string()),
+            ("joints_unobserved", self.unobserved.len().to_string()),
+            ("rms_cm", if self.rms_cm.is_finite() { format!("{:.4}", self.rms_cm) } else { "none".to_owned() }),
+            ("worst_marker", self.worst().map_or_else(|| "none".to_owned(), |m| m.label.clone())),
+        ]
+        .map(|(name, value)| (name.to_owned(), value))
+        .into()
     }
 
     /// For people.
@@ -234,13 +255,23 @@ impl Report {
         for note in &self.notes {
             line(if note.matters() { "look at" } else { "note" }, note.to_string());
         }
-        out.extend(self.table.iter().map(|path| style.name("frames", &path.display().to_string())));
+        if let Some(error) = &self.log_error {
+            line("no log", error.clone());
+        }
+        for (head, path) in [("log", &self.log), ("frames", &self.table)] {
+            out.extend(path.iter().map(|path| style.name(head, &path.display().to_string())));
+        }
         out
     }
 
     /// As JSON lines: notes, markers, frames without markers, joints of which nothing was seen, then the summary.
     pub fn json(&self) -> String {
         self.json_of(|path| path.display().to_string())
+    }
+
+    /// The same for the log, which must not depend on where it lies: without folders.
+    pub fn json_for_log(&self) -> String {
+        self.json_of(|path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default())
     }
 
     fn json_of(&self, name: impl Fn(&Path) -> String) -> String {
@@ -267,6 +298,8 @@ impl Report {
             input: name(&self.input),
             output: path(&self.output),
             table: path(&self.table),
+            log: path(&self.log),
+            log_error: self.log_error.as_deref(),
             rate_hz: self.rate_hz,
             frames: self.frames,
             unit: self.unit,
@@ -320,6 +353,8 @@ enum Message<'a> {
         input: String,
         output: Option<String>,
         table: Option<String>,
+        log: Option<String>,
+        log_error: Option<&'a str>,
         rate_hz: f64,
         frames: usize,
         unit: &'a str,

@@ -151,8 +151,8 @@ pub struct Worn {
     pub markers: Vec<(usize, String, Marker, f64)>,
     /// Markers of the table that the take does not have.
     pub absent: Vec<String>,
-    /// Markers of the take that the table does not have, or gives no weight: the pose does not depend on them.
-    pub unused: Vec<String>,
+    /// Markers of the take that the table does not have.
+    pub strangers: Vec<String>,
 }
 
 /// Finds the markers of a table in a take. A label matches as written or without its subject's prefix.
@@ -186,7 +186,6 @@ pub fn wear(placed: &[Placed], take: &Take) -> Result<Worn, MapError> {
         return Err(MapError::Strange { first: worn.absent.swap_remove(0), known: known(&markers) });
     }
     worn.markers.sort_by_key(|(column, ..)| *column);
-    worn.unused = markers.iter().filter(|&&m| lines[m].is_none()).map(|&m| take.display_label(m)).collect();
-    worn.unused.extend(worn.markers.iter().filter(|(.., weight)| *weight == 0.0).map(|(_, label, ..)| label.clone()));
+    worn.strangers = markers.iter().filter(|&&m| lines[m].is_none()).map(|&m| take.display_label(m)).collect();
     Ok(worn)
 }

@@ -1,9 +1,10 @@
 //! The rig of a body, read from its files and brought to the solver's units: skeleton, surface, which joint moves which vertex, limits.
 //!
-//! What is in the files is told by `formats::rig`, what comes of the poses by [`bvh`], and where markers sit by [`map`].
+//! What is in the files is told by `formats::rig`, what comes of the poses by [`bvh`], and where markers sit by [`map`] and [`wearer`].
 
 pub mod bvh;
 pub mod map;
+pub mod wearer;
 
 use crate::input::{expand, hex, read};
 use crate::repair::RepairError;

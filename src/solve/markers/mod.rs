@@ -5,4 +5,4 @@ mod band;
 mod pass;
 mod smooth;
 
-pub use pass::{Seen, Settings, Solution, solve};
+pub use pass::{Round, Seen, Settings, Solution, Stage, solve};
