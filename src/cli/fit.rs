@@ -10,16 +10,18 @@ use formats::bvh::Order;
 use std::path::PathBuf;
 
 pub(super) const AFTER_HELP: &str = "\
-The map is CSV with a header: marker,vertex,joint and, if need be, x,y,z,weight. A marker sits on a vertex
-of the surface (counted from 0) and moves with the joint; x,y,z lead from the vertex to the marker, or are
-its place in the reference pose if there is no vertex. Without a joint it moves with the vertex.
+The map is CSV with a header: marker,vertex,joint and, if need be, x,y,z,weight.
+A marker sits on a vertex of the surface (counted from 0) and moves with the joint;
+x,y,z lead from the vertex to the marker, or are its place in the reference pose if
+there is no vertex. Without a joint it moves with the vertex.
 
 Exit codes:
   0  every joint was seen, as far as the take goes
   1  failed; no output was written
   2  the command line was wrong
-  3  the output exists, but look at it: frames had no marker, nothing tells of a joint, the map names
-     markers that the take does not have, a marker is far from its place, something was assumed, or there is no log";
+  3  the output exists, but look at it: frames had no marker, nothing tells of a joint,
+     the map names markers that the take does not have, a marker is far from its place,
+     something was assumed, or there is no log";
 
 /// `mocap-repair solve`.
 #[derive(Debug, Args)]
