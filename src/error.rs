@@ -3,6 +3,7 @@
 use crate::bones::BonesError;
 use crate::log::LogReadError;
 use crate::missing::MissingError;
+use crate::rig::map::MapError;
 use crate::verify::Broken;
 use formats::{DetectError, FormatError};
 use std::path::PathBuf;
@@ -41,6 +42,14 @@ pub enum RepairError {
         path: PathBuf,
         /// Why.
         error: BonesError,
+    },
+    /// It is not known where markers sit.
+    #[error("{path}: {error}", path = .path.display())]
+    Map {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        error: MapError,
     },
     /// The samples stated to be missing cannot be found.
     #[error("{path}: {error}", path = .path.display())]

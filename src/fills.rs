@@ -4,6 +4,7 @@ use crate::gaps::Open;
 use crate::solve::auto::LEAST_SEEN;
 use crate::solve::{Estimate, Gap, Method, Problem};
 use formats::{Origin, Take, TakeBuilder};
+use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 /// A sample that was filled.
@@ -101,4 +102,46 @@ pub fn write(samples: &[Filled], take: &Take, method: Method, out: &mut dyn Writ
         writeln!(text, "{},{},{label},{x:.4},{y:.4},{z:.4},{sigma},{},{}", s.frame, take.frame_label(s.frame), s.gap + 1, method.name())?;
     }
     text.flush()
+}
+
+/// Reads from a table that [`write`] made how sure its samples are: by frame, counted from 0, and column of the take, the standard deviation in mm, NaN where
+/// it is unknown.
+///
+/// # Errors
+/// It is no such table, or not of this take; the text begins with the line.
+pub fn read_sigmas(text: &[u8], take: &Take) -> Result<BTreeMap<(usize, usize), f64>, String> {
+    let mut reader = csv::ReaderBuilder::new().flexible(true).trim(csv::Trim::All).from_reader(text);
+    let header = reader.headers().map_err(|_| "line 1: not text in CSV form".to_owned())?.clone();
+    let column = |name: &str| {
+        let found = header.iter().position(|cell| cell.trim_start_matches('\u{feff}') == name);
+        found.ok_or_else(|| format!("line 1: the header has no column {name}; expected is a table that --fills wrote"))
+    };
+    let (frame, marker, sigma) = (column("frame_index")?, column("marker")?, column("sigma_mm")?);
+    let columns: BTreeMap<String, usize> = (0..take.markers.len()).rev().map(|m| (take.display_label(m), m)).collect();
+    let mut sigmas = BTreeMap::new();
+    for (at, record) in reader.records().enumerate() {
+        let line = at as u64 + 2;
+        let record = record.map_err(|e| format!("line {}: not text in CSV form", e.position().map_or(line, csv::Position::line)))?;
+        let line = record.position().map_or(line, csv::Position::line);
+        let cell = |column: usize| record.get(column).unwrap_or_default();
+        let Some(frame) = cell(frame).parse::<usize>().ok().filter(|frame| *frame < take.frames()) else {
+            return Err(format!(
+                "line {line}: frame_index \"{}\" is no frame of the take, which has 0 to {}",
+                cell(frame),
+                take.frames().max(1) - 1
+            ));
+        };
+        let Some(&marker) = columns.get(cell(marker)) else {
+            return Err(format!("line {line}: marker \"{}\" is not in the take", cell(marker)));
+        };
+        let sigma = match cell(sigma) {
+            "" => f64::NAN,
+            text => match text.parse::<f64>() {
+                Ok(sigma) if sigma >= 0.0 && sigma.is_finite() => sigma,
+                _ => return Err(format!("line {line}: sigma_mm \"{text}\" is not a standard deviation in mm")),
+            },
+        };
+        sigmas.insert((frame, marker), sigma);
+    }
+    Ok(sigmas)
 }

@@ -21,6 +21,13 @@ pub struct Reading {
     pub float: bool,
 }
 
+impl Reading {
+    /// The tables that `--missing` names.
+    pub fn tables(&self) -> impl Iterator<Item = &Path> {
+        self.missing.iter().map(Path::new).filter(|path| missing::names_table(path))
+    }
+}
+
 impl From<Stated> for Reading {
     fn from(stated: Stated) -> Self {
         Self { stated, ..Self::default() }

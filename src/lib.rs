@@ -10,6 +10,7 @@
 //! - [`solve`]: problems, solvers, the loop, and its observers
 //! - [`log`]: observers that write: the MCAP log, the progress line
 //! - [`rig`], [`track`]: a body with a skeleton, and how it is followed through clouds of points
+//! - [`fit`]: the motion of that body from labelled markers
 //! - [`fills`], [`report`], [`explain`], [`inspect`]: what is told afterwards, or beforehand
 //! - [`page`]: the report to look at, one HTML file
 //! - [`staging`], [`verify`]: files appear whole or not at all, and only after they were proven
@@ -25,6 +26,7 @@ pub mod demo;
 pub mod error;
 pub mod explain;
 pub mod fills;
+pub mod fit;
 pub mod gaps;
 pub mod input;
 pub mod inspect;

@@ -2,7 +2,7 @@
 
 use crate::compression;
 use crate::input::{Opened, expand, plain};
-use crate::log;
+use crate::log::{self, LogError, Whole};
 use crate::repair::RepairError;
 use crate::staging;
 use crate::verify::verify;
@@ -103,6 +103,39 @@ fn only_kept_in_place(note: &Note) -> Option<String> {
         Note::PartialSamples { samples } => Some(format!("the given coordinates of {samples} samples that lack others")),
         _ => None,
     }
+}
+
+/// Gives names to files that are whole under hidden ones: a table and a log first, the output last. What comes out is why the log got none.
+///
+/// # Errors
+/// Table or output cannot be named so; then nothing has been.
+pub fn put_in_place(
+    (table, table_path): (NamedTempFile, &Path),
+    log: Option<(&Path, Whole)>,
+    (file, path): (NamedTempFile, &Path),
+) -> Result<Option<LogError>, RepairError> {
+    let mut placed = staging::Placed::default();
+    placed.keep(table_path).and_then(|()| staging::publish(table, table_path)).map_err(|e| unwritable(table_path, &e))?;
+    let mut failed = None;
+    if let Some((path, log)) = log {
+        placed.keep(path).map_err(|e| unwritable(path, &e))?;
+        failed = log.place().err();
+    }
+    staging::publish(file, path).map_err(|e| unwritable(path, &e))?;
+    placed.done();
+    Ok(failed)
+}
+
+/// Motion is written as BVH, whatever the name says; so it should say that.
+///
+/// # Errors
+/// It says something else.
+pub fn check_motion_name(output: &Path) -> Result<(), RepairError> {
+    if compression::inner_name(output).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bvh")) {
+        return Ok(());
+    }
+    let problem = "motion is written as BVH; give it a name that ends in .bvh".to_owned();
+    Err(RepairError::Io { path: output.to_owned(), problem })
 }
 
 /// The name under which `--in-place` keeps the input.

@@ -9,6 +9,7 @@ use crate::output::{self, Names, Written, original_name, unwritable};
 use crate::page::{Curves, Page};
 use crate::pattern::matches;
 use crate::report::{GapReport, Report, StageReport};
+use crate::rig::wearer::WearerFiles;
 use crate::solve::auto::Stiffness;
 use crate::solve::body::guess_up;
 use crate::solve::lds::{EStep, Hidden, Init};
@@ -64,6 +65,8 @@ pub struct Request {
     pub seed: u64,
     /// Which gaps are filled.
     pub policy: Policy,
+    /// The body that wears the markers, for methods that need one.
+    pub wearer: Option<WearerFiles>,
     /// Patterns of the markers whose gaps are filled; all if empty.
     pub markers: Vec<String>,
     /// What the user states about the file.
@@ -92,6 +95,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
     let before = opened.document.take();
     let found = gaps(before);
     let asked_for = asked_for(request, before)?;
+    let settings = request.settings_for(&opened)?;
     let mut decisions: Vec<Result<(), Open>> = found.iter().map(|gap| request.policy.decide(gap, before, asked_for[gap.marker])).collect();
     let mut report = Report::new(request, &opened, &bones, request.bones.is_some());
     report.suspects = suspects;
@@ -112,7 +116,7 @@ pub fn repair(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBoo
                 meter: meter.as_deref(),
                 ..Limits::default()
             };
-            let solved = request.method.solve(&problem, &request.settings, &limits, &mut (&mut log, (&mut curves, &mut *watch)));
+            let solved = request.method.solve(&problem, &settings, &limits, &mut (&mut log, (&mut curves, &mut *watch)));
             if interrupt.load(Ordering::Relaxed) {
                 let log = log.and_then(|log| leave_log(log, &raw, &bones, request, Ended::Interrupted));
                 return Err(RepairError::Interrupted { path: request.input.clone(), log: Left(log) });
@@ -420,6 +424,16 @@ impl Request {
         let beside = [&self.log, &self.fills, &self.page].into_iter().filter_map(|path| path.as_deref()).collect();
         let reads = self.reads.iter().map(PathBuf::as_path).collect();
         Names { input: &self.input, reads, output: &self.output, beside, in_place: self.in_place, force: self.force }
+    }
+
+    /// The settings, with the body that wears the take's markers if the method needs one.
+    fn settings_for(&self, opened: &Opened) -> Result<Settings, RepairError> {
+        let Some(files) = self.wearer.as_ref().filter(|_| self.method.needs_body()) else { return Ok(self.settings.clone()) };
+        let (wearer, notes) = files.wearer(opened.document.take())?;
+        for note in notes {
+            opened.notes.add(note);
+        }
+        Ok(Settings { wearer: Some(wearer), ..self.settings.clone() })
     }
 
     /// True if bones are to keep their lengths exactly.

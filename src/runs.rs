@@ -1,5 +1,45 @@
 //! Runs: stretches of places of which the same is true.
 
+use serde::Serialize;
+
+/// The most stretches that are told to people; scripts and tables have all.
+const MOST_STRETCHES: usize = 8;
+
+/// Frames in a row, by their numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Stretch {
+    /// The first one.
+    pub first_frame: i64,
+    /// The last one.
+    pub last_frame: i64,
+    /// How many.
+    pub frames: usize,
+}
+
+impl Stretch {
+    /// All stretches of the `count` frames of which something holds. `number` is what a frame, counted from 0, is called.
+    pub fn all(count: usize, number: impl Fn(usize) -> i64, holds: impl Fn(usize) -> bool) -> Vec<Self> {
+        let stretch = |(start, end): (usize, usize)| Self { first_frame: number(start), last_frame: number(end - 1), frames: end - start };
+        runs(count, holds).into_iter().map(stretch).collect()
+    }
+
+    fn text(&self) -> String {
+        if self.frames == 1 { self.first_frame.to_string() } else { format!("{}-{}", self.first_frame, self.last_frame) }
+    }
+
+    /// Some stretches, as `3, 7-9 and 2 more`.
+    pub fn listed(stretches: &[Self]) -> String {
+        let shown: Vec<String> = stretches.iter().take(MOST_STRETCHES).map(Self::text).collect();
+        let more = stretches.len().saturating_sub(MOST_STRETCHES);
+        if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
+    }
+
+    /// Frames of all of them.
+    pub fn total(stretches: &[Self]) -> usize {
+        stretches.iter().map(|stretch| stretch.frames).sum()
+    }
+}
+
 /// Maximal runs of places below `count` for which `holds`, in order, half-open.
 pub fn runs(count: usize, holds: impl Fn(usize) -> bool) -> Vec<(usize, usize)> {
     let mut found = Vec::new();

@@ -1,11 +1,13 @@
 //! What can be typed for one take: options, their values, and what they mean.
 
+use super::rig::WearerArgs;
 use crate::compression;
 use crate::convert::Conversion;
 use crate::gaps::Policy;
 use crate::input::Reading;
 use crate::missing;
 use crate::repair::Request;
+use crate::rig::wearer::WearerFiles;
 use crate::solve::auto::{Recipe, Stiffness};
 use crate::solve::lds::em::Noise;
 use crate::solve::lds::step::BoneStep;
@@ -220,6 +222,12 @@ impl From<OsString> for BonesArg {
 }
 
 #[derive(Debug, Args)]
+#[command(
+    mut_arg("skl", |arg| with_skeleton(arg)),
+    mut_arg("off", |arg| with_skeleton(arg)),
+    mut_arg("vj", |arg| with_skeleton(arg)),
+    mut_arg("map", |arg| with_skeleton(arg))
+)]
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
 pub(super) struct RepairArgs {
     /// The take to repair; it is never written
@@ -343,6 +351,13 @@ pub(super) struct RepairArgs {
     /// Print nothing unless it failed
     #[arg(short, long)]
     pub quiet: bool,
+    #[command(flatten, next_help_heading = "The body, for --method skeleton")]
+    wearer: WearerArgs,
+}
+
+/// What only one method needs.
+fn with_skeleton(arg: Arg) -> Arg {
+    arg.required(false).required_if_eq("method", Method::Skeleton.name())
 }
 
 /// True if `text`, said about an option in a file of `folder`, names a file.
@@ -415,6 +430,7 @@ impl RepairArgs {
                 .rev()
                 .find_map(|b| if let BonesArg::Stiffness(s) = b { Some(*s) } else { None })
                 .unwrap_or_default(),
+            wearer: None,
         }
     }
 
@@ -422,7 +438,9 @@ impl RepairArgs {
     fn reads(&self) -> Vec<PathBuf> {
         let bones = self.bones.iter().filter_map(|b| if let BonesArg::File(path) = b { Some(path.clone()) } else { None });
         let tables = self.stated.missing.missing.iter().map(PathBuf::from).filter(|path| missing::names_table(path));
-        bones.chain(tables).chain(self.config.clone()).collect()
+        let wearer = self.wearer.files();
+        let worn = wearer.iter().flat_map(WearerFiles::all).map(Path::to_owned);
+        bones.chain(tables).chain(self.config.clone()).chain(worn).collect()
     }
 
     /// All but [`Request::config`], which only the whole command line knows.
@@ -457,6 +475,7 @@ impl RepairArgs {
             tolerance: self.tolerance,
             seed: self.seed,
             policy: Policy { max_gap: self.max_gap, extrapolate: self.extrapolate, max_sigma_mm: self.max_sigma },
+            wearer: self.wearer.files(),
             markers: self.markers.clone(),
             reading: Reading { float: self.float, ..self.stated.reading() },
             config: String::new(),

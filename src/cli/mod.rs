@@ -3,13 +3,16 @@
 
 mod args;
 mod config;
+mod fit;
 mod man;
+mod rig;
 mod track;
 
 use crate::bones;
 use crate::convert::convert;
 use crate::demo::actor::{BodyOptions, write_body};
 use crate::demo::{DemoOptions, write_demo};
+use crate::fit::fit as fit_markers;
 use crate::input::{Reading, open};
 use crate::inspect::Inspection;
 use crate::log::{self, Terminal};
@@ -23,6 +26,7 @@ use crate::typeset::{Style, Tone, settle_colours};
 use args::{BonesArg, ConvertArgs, DemoKind, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
 use clap_complete::Shell;
+use fit::SolveArgs;
 use formats::printable;
 use serde::Serialize;
 use std::ffi::OsString;
@@ -93,6 +97,9 @@ enum Command {
     /// Follow a body with a skeleton through clouds of points, one for each frame, and write its motion as BVH
     #[command(after_help = track::AFTER_HELP)]
     Track(Box<TrackArgs>),
+    /// Find the motion of a body with a skeleton from the labelled markers that it wears, and write it as BVH
+    #[command(after_help = fit::AFTER_HELP)]
+    Solve(Box<SolveArgs>),
     /// Take the layout for Foxglove or Lichtblick out of a log
     Layout(LayoutArgs),
     /// Make the report to look at from the log of a repair: one HTML file for any browser
@@ -171,6 +178,7 @@ fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
             heed();
             run_track(&args, interrupt)
         }
+        Some(Command::Solve(args)) => run_solve(&args),
         Some(Command::Layout(args)) => written(log::extract_layout(&args.log, &args.output, args.force)),
         Some(Command::Report(args)) => written(page::report_of_log(&args.log, &args.output, args.force)),
         Some(Command::Demo { output, kind, frames, rate, seed, force }) => {
@@ -321,6 +329,27 @@ fn run_track(args: &TrackArgs, interrupt: &AtomicBool) -> u8 {
     let tracked = track_clouds(&args.request(), &mut terminal, interrupt);
     drop(terminal);
     match tracked {
+        Ok(report) => {
+            if args.json {
+                print(&report.json());
+            } else if !args.quiet {
+                print(&report.text(&Style::of_stdout()));
+            }
+            report.exit_code()
+        }
+        Err(error) => {
+            fail(&error.to_string(), args.json);
+            1
+        }
+    }
+}
+
+fn run_solve(args: &SolveArgs) -> u8 {
+    let Some(request) = args.request() else { return 2 };
+    let mut terminal = watching(args.quiet || args.json);
+    let fitted = fit_markers(&request, &mut terminal);
+    drop(terminal);
+    match fitted {
         Ok(report) => {
             if args.json {
                 print(&report.json());

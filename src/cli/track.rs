@@ -1,14 +1,12 @@
 //! `mocap-repair track`: what can be typed, and what it asks for.
 
 use super::args::{positive, rate, share};
+use super::rig::{RigArgs, order};
 use crate::compression;
-use crate::rig::{Length, RigFiles};
 use crate::solve::track::{Method, Settings};
 use crate::track::{Pattern, Request};
-use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 use formats::bvh::Order;
-use formats::rig::AngleUnit;
 use std::path::PathBuf;
 
 pub(super) const AFTER_HELP: &str = "\
@@ -18,78 +16,6 @@ Exit codes:
   2  the command line was wrong
   3  the output exists, but look at it: frames had no cloud, a part of the body was lost,
      something was assumed, or there is no log";
-
-/// The files of a body, and what they do not say.
-#[derive(Debug, Args)]
-pub(super) struct RigArgs {
-    /// The skeleton: joints, how they move, and where they are in the reference pose
-    #[arg(long, value_name = "FILE.skl")]
-    skl: PathBuf,
-    /// The surface of the body in the reference pose
-    #[arg(long, value_name = "FILE.off")]
-    off: PathBuf,
-    /// Which joint moves which vertex of the surface
-    #[arg(long, value_name = "FILE.vj")]
-    vj: PathBuf,
-    /// How far joints move; without it they move as far as they like
-    #[arg(long, value_name = "FILE.cst")]
-    cst: Option<PathBuf>,
-    /// Unit of length of the body and of what is measured [default: by the size of the body]
-    #[arg(long, value_enum)]
-    unit: Option<UnitArg>,
-    /// Unit of the angles of --cst [default: deg if one of them is more than a whole turn of rad, else rad]
-    #[arg(long, value_enum, value_name = "UNIT", requires = "cst")]
-    cst_unit: Option<AngleArg>,
-    /// What the second angle of a ball joint in --cst limits: how far its second direction tilts, or how far the limb turns about itself
-    #[arg(long, value_enum, default_value = "cones", value_name = "HOW", requires = "cst")]
-    cst_ball: BallArg,
-    /// Give the trunk a joint more, between its lower and upper limbs, so that it bends; the output has that joint, too
-    #[arg(long)]
-    spine: bool,
-}
-
-impl RigArgs {
-    pub fn files(&self) -> RigFiles {
-        RigFiles {
-            skeleton: self.skl.clone(),
-            surface: self.off.clone(),
-            parts: self.vj.clone(),
-            limits: self.cst.clone(),
-            unit: self.unit.map(|unit| match unit {
-                UnitArg::Mm => Length::Millimetre,
-                UnitArg::Cm => Length::Centimetre,
-                UnitArg::M => Length::Metre,
-                UnitArg::In => Length::Inch,
-            }),
-            angles: self.cst_unit.map(|unit| match unit {
-                AngleArg::Deg => AngleUnit::Degree,
-                AngleArg::Rad => AngleUnit::Radian,
-            }),
-            swing_twist: self.cst_ball == BallArg::SwingTwist,
-            spine: self.spine,
-        }
-    }
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum UnitArg {
-    Mm,
-    Cm,
-    M,
-    In,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum AngleArg {
-    Deg,
-    Rad,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum BallArg {
-    Cones,
-    SwingTwist,
-}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum MethodArg {
@@ -101,6 +27,7 @@ enum MethodArg {
 
 /// `mocap-repair track`.
 #[derive(Debug, Args)]
+#[command(mut_arg("cst_unit", |arg| arg.requires("cst")), mut_arg("cst_ball", |arg| arg.requires("cst")))]
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
 pub(super) struct TrackArgs {
     /// The clouds, one file for each frame: %d or %03d stands for its number
@@ -162,12 +89,6 @@ pub(super) struct TrackArgs {
     /// Print nothing unless it failed
     #[arg(short, long)]
     pub quiet: bool,
-}
-
-/// Named one by one, so that help and shells know them.
-fn order() -> impl TypedValueParser<Value = Order> {
-    let known = |name: &str| Order::ALL.into_iter().find(|order| order.name().eq_ignore_ascii_case(name));
-    PossibleValuesParser::new(["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"]).try_map(move |name| known(&name).ok_or("no order of this name"))
 }
 
 fn cosine(text: &str) -> Result<f64, String> {

@@ -1,7 +1,10 @@
 //! A body in space: what was measured of it, its surface, and its joints, as viewers draw them.
 
+use super::channels::timestamp;
 use super::cloud::{FILLED, OBSERVED, RAW, Rgba, of_fields};
-use super::schema::foxglove::{LinePrimitive, Point3, PointCloud, SceneUpdate, line_primitive, packed_element_field::NumericType};
+use super::schema::foxglove::{
+    LinePrimitive, Log, Point3, PointCloud, SceneUpdate, line_primitive, log::Level, packed_element_field::NumericType,
+};
 use super::skeleton::{IDENTITY, LINE_WIDTH, color, entity};
 use crate::rig::Rig;
 use crate::solve::ik::{Rigid, Vec3};
@@ -25,6 +28,25 @@ const PARTS: [Rgba; 5] = [[86, 180, 233, 255], [0, 158, 115, 255], [204, 121, 16
 
 /// What was measured and belongs to the body, or does not.
 pub(super) const MEASURED: [Rgba; 2] = [RAW, FILLED];
+
+/// Where the body has a marker.
+pub(super) const EXPECTED: Rgba = [240, 240, 240, 255];
+
+/// About so many frames decide where the view looks.
+pub(super) const VIEWED: usize = 300;
+
+/// True if a frame is drawn in space, of which so many are drawn per second.
+pub(super) fn in_space(frame: u32, rate_hz: f64, log_rate_hz: Option<f64>) -> bool {
+    let Some(log_rate_hz) = log_rate_hz.filter(|hz| *hz < rate_hz) else { return true };
+    let period = |frame: u32| (f64::from(frame) * log_rate_hz / rate_hz).floor();
+    frame == 0 || period(frame) > period(frame - 1)
+}
+
+/// What happened in a frame, in words. `number` is the file's own, `source` the file.
+pub(super) fn said(time: u64, number: u32, warning: bool, name: &str, message: String, source: &str) -> Log {
+    let level = if warning { Level::Warning } else { Level::Info };
+    Log { timestamp: Some(timestamp(time)), level: level.into(), message, name: name.to_owned(), file: source.to_owned(), line: number }
+}
 
 /// A cloud without points, to be given them frame by frame.
 pub(super) fn empty_cloud() -> PointCloud {

@@ -1,9 +1,11 @@
 //! The rig of a body, read from its files and brought to the solver's units: skeleton, surface, which joint moves which vertex, limits.
 //!
-//! What is in the files is told by `formats::rig`, what comes of the poses by [`bvh`].
+//! What is in the files is told by `formats::rig`, what comes of the poses by [`bvh`], and where markers sit by [`map`] and [`wearer`].
 
 pub mod bvh;
+pub mod map;
 mod spine;
+pub mod wearer;
 
 use crate::input::{expand, hex, read};
 use crate::repair::RepairError;
@@ -12,7 +14,7 @@ use crate::solve::ik::terms::Limits;
 use crate::solve::ik::{Pose, State, Tree, Vec3};
 use crate::solve::track::Body;
 use formats::rig::{AngleUnit, JointKind, Skeleton, read_limits, read_mesh, read_parts, read_skeleton};
-use formats::{FormatError, Note, Notes};
+use formats::{Direction, FormatError, Note, Notes};
 use nalgebra::UnitQuaternion;
 use sha2::{Digest, Sha256};
 use spine::add_spine;
@@ -205,6 +207,15 @@ impl Rig {
     /// The joints that move a part of the surface.
     pub fn with_surface(&self) -> Vec<usize> {
         (0..self.body.surfaces.len()).filter(|&joint| !self.body.surfaces[joint].is_empty()).collect()
+    }
+
+    /// Which way is up: bodies are taller than thick, and where arms are stretched out they are so to the left and the right.
+    pub fn up(&self) -> Direction {
+        let side = |k: usize| {
+            let coordinates = || self.body.vertices.iter().map(move |x| x[k]);
+            coordinates().fold(f64::NEG_INFINITY, f64::max) - coordinates().fold(f64::INFINITY, f64::min)
+        };
+        Direction { axis: if side(1) >= side(2) { 1 } else { 2 }, positive: true }
     }
 
     /// For each joint where its part ends in the reference pose: at the vertex that is farthest from the joint, cm.

@@ -6,7 +6,9 @@ use super::lds::em::Noise;
 use super::lds::step::BoneStep;
 use super::lds::{Constraint, EStep, Hidden, Init, Lds, Options, Start};
 use super::msvd::Msvd;
+use super::skeleton::{Skeleton, Wearer};
 use super::{Estimate, Limits, Observer, Outcome, Problem, Solver, Stop, run};
+use std::sync::Arc;
 
 /// A way to fill gaps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,13 +25,15 @@ pub enum Method {
     BoleroHc,
     /// The same with soft bone constraints (BoLeRO-SC).
     BoleroSc,
+    /// The pose of a skeleton whose parts carry the markers.
+    Skeleton,
     /// Experts of many kinds, chosen and weighed for every gap by evidence from the take itself.
     #[default]
     Auto,
 }
 
 /// What can be set about the methods.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Settings {
     /// Dimension of the hidden state; rank of `msvd`.
     pub hidden: Hidden,
@@ -51,26 +55,46 @@ pub struct Settings {
     pub recipe: Recipe,
     /// What bones demand of `auto`.
     pub stiffness: Stiffness,
+    /// The body that wears the markers; see [`Method::needs_body`].
+    pub wearer: Option<Arc<Wearer>>,
 }
 
 impl Default for Settings {
     fn default() -> Self {
         let Options { hidden, e_step, noise, start, init, step, constant, .. } = Options::default();
-        Self { hidden, lambda: None, e_step, noise, start, init, step, constant, recipe: Recipe::default(), stiffness: Stiffness::Soft }
+        Self {
+            hidden,
+            lambda: None,
+            e_step,
+            noise,
+            start,
+            init,
+            step,
+            constant,
+            recipe: Recipe::default(),
+            stiffness: Stiffness::Soft,
+            wearer: None,
+        }
     }
 }
 
 impl Settings {
     /// Those of the EM solver.
     fn options(&self, constraint: Constraint) -> Options {
-        let Self { hidden, e_step, noise, start, init, step, constant, .. } = *self;
+        let &Self { hidden, e_step, noise, start, init, step, constant, .. } = self;
         Options { hidden, constraint, e_step, noise, start, init, step, constant }
     }
 }
 
 impl Method {
     /// All methods, simplest first.
-    pub const ALL: [Self; 7] = [Self::Linear, Self::Spline, Self::Msvd, Self::Lds, Self::BoleroHc, Self::BoleroSc, Self::Auto];
+    pub const ALL: [Self; 8] =
+        [Self::Linear, Self::Spline, Self::Msvd, Self::Lds, Self::BoleroHc, Self::BoleroSc, Self::Skeleton, Self::Auto];
+
+    /// True if the method fills from [`Settings::wearer`]; without one it draws splines.
+    pub fn needs_body(self) -> bool {
+        self == Self::Skeleton
+    }
 
     /// The name on the command line and in every record.
     pub fn name(self) -> &'static str {
@@ -81,6 +105,7 @@ impl Method {
             Self::Lds => "lds",
             Self::BoleroHc => "bolero-hc",
             Self::BoleroSc => "bolero-sc",
+            Self::Skeleton => "skeleton",
             Self::Auto => "auto",
         }
     }
@@ -99,6 +124,7 @@ impl Method {
             Self::Msvd => Box::new(Msvd::new(problem, settings.hidden, settings.start)),
             Self::Lds => lds(Constraint::None),
             Self::BoleroHc => lds(Constraint::Hard),
+            Self::Skeleton => Box::new(Skeleton::new(problem, settings.wearer.clone())),
             Self::BoleroSc | Self::Auto => lds(settings.lambda.map_or(Constraint::Spread, Constraint::Lambda)),
         }
     }

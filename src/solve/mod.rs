@@ -16,6 +16,7 @@ mod meter;
 mod method;
 pub mod msvd;
 mod problem;
+pub mod skeleton;
 pub mod track;
 
 pub use meter::Meter;

@@ -7,10 +7,9 @@ mod report;
 mod seen;
 mod sequence;
 
-use crate::compression;
 use crate::error::Left;
 use crate::log::{Attachment, Ended, LogError, TrackAbout, TrackLog};
-use crate::output::{Names, unwritable};
+use crate::output::{Names, check_motion_name, put_in_place, unwritable};
 use crate::repair::RepairError;
 use crate::rig::bvh::Poses;
 use crate::rig::{Rig, RigFiles, read_rig};
@@ -25,7 +24,7 @@ use std::sync::mpsc::{SyncSender, sync_channel};
 use std::time::{Duration, Instant};
 use tempfile::NamedTempFile;
 
-pub use report::{Lost, Report, Stretch};
+pub use report::{Lost, Report};
 pub use seen::{Given, Seen, word, write_table};
 pub use sequence::{Clouds, Frame, Pattern, Sequence};
 
@@ -204,18 +203,11 @@ fn write_out(
         }
     }
 
-    // From here on everything is written; what remains are names.
-    let mut placed = staging::Placed::default();
-    placed.keep(&request.table).and_then(|()| staging::publish(table, &request.table)).map_err(|e| unwritable(&request.table, &e))?;
-    if let Some((path, log)) = whole {
-        placed.keep(path).map_err(|e| unwritable(path, &e))?;
-        match log.place() {
-            Ok(_) => report.log = Some(path.clone()),
-            Err(error) => report.log_failed(path, &error),
-        }
+    let log_path = whole.as_ref().map(|(path, _)| (*path).clone());
+    match put_in_place((table, &request.table), whole.map(|(path, log)| (path.as_path(), log)), (motion, &request.output))? {
+        Some(error) => log_path.iter().for_each(|path| report.log_failed(path, &error)),
+        None => report.log = log_path,
     }
-    staging::publish(motion, &request.output).map_err(|e| unwritable(&request.output, &e))?;
-    placed.done();
     report.table = Some(request.table.clone());
     report.output = Some(request.output.clone());
     Ok(report)
@@ -233,11 +225,7 @@ fn stage_table(path: &Path, frames: &[Seen], rig: &Rig) -> Result<NamedTempFile,
 impl Request {
     /// No file that is read is written, and nothing that exists is overwritten unasked.
     fn check_names(&self, sequence: &Sequence) -> Result<(), RepairError> {
-        let inner = compression::inner_name(&self.output);
-        if !inner.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("bvh")) {
-            let problem = "motion is written as BVH; give it a name that ends in .bvh".to_owned();
-            return Err(RepairError::Io { path: self.output.clone(), problem });
-        }
+        check_motion_name(&self.output)?;
         let rig = self.rig.all().into_iter().map(|(_, path)| path);
         let beside = [Some(self.table.as_path()), self.log.as_deref()].into_iter().flatten().collect();
         Names {

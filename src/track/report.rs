@@ -4,55 +4,13 @@ use super::Request;
 use super::seen::{Given, Seen};
 use crate::report::{count, lines, short};
 use crate::rig::Rig;
-use crate::runs::runs;
+use crate::runs::Stretch;
 use crate::solve::track::Way;
 use crate::typeset::Style;
 use formats::{Note, printable};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
-
-/// The most stretches that are told to people; `--json` and the table have all.
-const MOST_STRETCHES: usize = 8;
-
-/// Frames in a row, by their numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub struct Stretch {
-    /// The first one.
-    pub first_frame: u32,
-    /// The last one.
-    pub last_frame: u32,
-    /// How many.
-    pub frames: usize,
-}
-
-impl Stretch {
-    /// All stretches of frames of which something holds.
-    pub fn all(frames: &[Seen], holds: impl Fn(&Seen) -> bool) -> Vec<Self> {
-        let found = runs(frames.len(), |frame| holds(&frames[frame]));
-        let stretch = |&(start, end): &(usize, usize)| Self {
-            first_frame: frames[start].number,
-            last_frame: frames[end - 1].number,
-            frames: end - start,
-        };
-        found.iter().map(stretch).collect()
-    }
-
-    fn text(&self) -> String {
-        if self.frames == 1 { self.first_frame.to_string() } else { format!("{}-{}", self.first_frame, self.last_frame) }
-    }
-}
-
-/// Some stretches, as `3, 7-9 and 2 more`.
-fn listed(stretches: &[Stretch]) -> String {
-    let shown: Vec<String> = stretches.iter().take(MOST_STRETCHES).map(Stretch::text).collect();
-    let more = stretches.len().saturating_sub(MOST_STRETCHES);
-    if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
-}
-
-fn total(stretches: &[Stretch]) -> usize {
-    stretches.iter().map(|stretch| stretch.frames).sum()
-}
 
 /// A part of the body that was lost.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -135,13 +93,14 @@ impl Report {
     /// Takes in what became of the frames.
     pub fn judge(&mut self, frames: &[Seen], rig: &Rig) {
         self.frames = frames.len();
-        self.searched = Stretch::all(frames, |seen| seen.way == Way::Searched);
-        self.missing = Stretch::all(frames, |seen| seen.given == Given::Missing);
-        self.empty = Stretch::all(frames, |seen| seen.given == Given::Empty);
+        let all = |holds: &dyn Fn(&Seen) -> bool| Stretch::all(frames.len(), |at| frames[at].number.into(), |at| holds(&frames[at]));
+        self.searched = all(&|seen| seen.way == Way::Searched);
+        self.missing = all(&|seen| seen.given == Given::Missing);
+        self.empty = all(&|seen| seen.given == Given::Empty);
         let lost = rig
             .names()
             .enumerate()
-            .map(|(part, name)| Lost { part: name.to_owned(), when: Stretch::all(frames, |seen| seen.lost.get(part) == Some(&true)) });
+            .map(|(part, name)| Lost { part: name.to_owned(), when: all(&|seen| seen.lost.get(part) == Some(&true)) });
         self.lost = lost.filter(|lost| !lost.when.is_empty()).collect();
         let mean = |value: fn(&Seen) -> f64| {
             let known: Vec<f64> = frames.iter().map(value).filter(|x| x.is_finite()).collect();
@@ -152,11 +111,11 @@ impl Report {
     }
 
     fn predicted(&self) -> usize {
-        total(&self.missing) + total(&self.empty)
+        Stretch::total(&self.missing) + Stretch::total(&self.empty)
     }
 
     fn tracked(&self) -> usize {
-        self.frames - self.predicted() - total(&self.searched)
+        self.frames - self.predicted() - Stretch::total(&self.searched)
     }
 
     /// 0 if every frame was followed and nothing was assumed or lost, else 3. (Errors have their own codes.)
@@ -171,7 +130,7 @@ impl Report {
         [
             ("frames", self.frames.to_string()),
             ("frames_tracked", self.tracked().to_string()),
-            ("frames_searched", total(&self.searched).to_string()),
+            ("frames_searched", Stretch::total(&self.searched).to_string()),
             ("frames_predicted", self.predicted().to_string()),
             ("parts_lost", self.lost.len().to_string()),
             ("residual_cm", number(self.residual_cm)),
@@ -188,24 +147,27 @@ impl Report {
         let seconds = self.frames as f64 / self.rate_hz;
         line("take", format!("{} at {} Hz ({seconds:.1} s), in {}", count(self.frames, "frame"), short(self.rate_hz), self.unit));
         line("body", format!("{} with {} degrees of freedom", count(self.joints, "joint"), self.freedom));
-        let searched = match total(&self.searched) {
+        let searched = match Stretch::total(&self.searched) {
             0 => String::new(),
             frames => format!(", {} after a search for limbs", count(frames, "frame")),
         };
         let secs = self.took.as_secs_f64();
         let pace = if secs > 0.0 { format!(", {:.0} frames/s", self.frames as f64 / secs) } else { String::new() };
-        line("tracked", format!("{} by {}{searched}{pace}", count(self.tracked() + total(&self.searched), "frame"), self.method));
+        line("tracked", format!("{} by {}{searched}{pace}", count(self.tracked() + Stretch::total(&self.searched), "frame"), self.method));
         if self.residual_cm.is_finite() {
             let share = 100.0 * self.inliers;
             line("points", format!("{:.2} cm from the body, {share:.0} % belong to it (means over frames)", self.residual_cm));
         }
         for (stretches, why) in [(&self.missing, "without a file"), (&self.empty, "without points")] {
             if !stretches.is_empty() {
-                line("predicted", format!("{} {why}: {}", count(total(stretches), "frame"), listed(stretches)));
+                line("predicted", format!("{} {why}: {}", count(Stretch::total(stretches), "frame"), Stretch::listed(stretches)));
             }
         }
         for lost in &self.lost {
-            line("lost", format!("{} in {}: {}", printable(&lost.part), count(total(&lost.when), "frame"), listed(&lost.when)));
+            line(
+                "lost",
+                format!("{} in {}: {}", printable(&lost.part), count(Stretch::total(&lost.when), "frame"), Stretch::listed(&lost.when)),
+            );
         }
         for note in &self.notes {
             line(if note.matters() { "look at" } else { "note" }, note.to_string());
@@ -292,7 +254,7 @@ impl Report {
             degrees_of_freedom: self.freedom,
             frames: self.frames,
             frames_tracked: self.tracked(),
-            frames_searched: total(&self.searched),
+            frames_searched: Stretch::total(&self.searched),
             frames_predicted: self.predicted(),
             parts_lost: self.lost.iter().map(|lost| lost.part.as_str()).collect(),
             residual_cm: Some(self.residual_cm).filter(|x| x.is_finite()),

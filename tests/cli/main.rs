@@ -10,6 +10,7 @@
 //! - `reporting`: the report to look at
 //! - `interruptions`: runs that are killed
 //! - `tracking`: `track`
+//! - `solving`: `solve`, and gaps that are filled from a body
 //! - `terminal`: width, colours and characters of what is told
 //! - `config`: options from a file
 //! - `shells`: completions and manual pages
@@ -31,5 +32,6 @@ mod refusals;
 mod repairing;
 mod reporting;
 mod shells;
+mod solving;
 mod terminal;
 mod tracking;

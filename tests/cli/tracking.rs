@@ -145,7 +145,7 @@ fn worst_cm(lab: &Lab, frames: impl Iterator<Item = usize>) -> f64 {
 }
 
 /// The messages of a topic with their times in ns.
-fn messages<M: Message + Default>(log: &[u8], topic: &str) -> Vec<(u64, M)> {
+pub fn messages<M: Message + Default>(log: &[u8], topic: &str) -> Vec<(u64, M)> {
     let all = mcap::MessageStream::new(log).unwrap().map(Result::unwrap);
     let of_topic = all.filter(|message| message.channel.topic == topic);
     of_topic.map(|message| (message.log_time, M::decode(&message.data[..]).unwrap())).collect()

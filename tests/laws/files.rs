@@ -51,6 +51,7 @@ fn run_stated(bytes: &[u8], extension: &str, method: Method, stated: Stated) -> 
         tolerance: 1e-6,
         seed: 0,
         policy: Policy::default(),
+        wearer: None,
         markers: Vec::new(),
         reading: stated.into(),
         reads: Vec::new(),

@@ -18,15 +18,20 @@ mod moving;
 mod suspects;
 
 use ::formats::{Marker, Origin, Take, TakeBuilder};
+use mocap_repair::demo::actor::{Actor, MarkerOptions, Motion};
 use mocap_repair::demo::walk;
 use mocap_repair::gaps::{Open, Policy, gaps};
+use mocap_repair::solve::ik::terms::Marker as WornMarker;
+use mocap_repair::solve::ik::{Tree, Vec3};
 use mocap_repair::solve::lds::em::Noise;
 use mocap_repair::solve::lds::step::BoneStep;
 use mocap_repair::solve::lds::{EStep, Hidden, Init, Start};
+use mocap_repair::solve::skeleton::Wearer;
 use mocap_repair::solve::{Gap, Limits, Method, Problem, Settings};
 use mocap_repair::{bones, fills};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
+use std::sync::Arc;
 
 /// Few cases, always the same, and nothing left on the disk.
 fn cases(cases: u32) -> ProptestConfig {
@@ -108,19 +113,43 @@ fn repaired(take: &Take, method: Method, settings: &Settings, rounds: usize, ext
 /// The settings under which a method is tried: the usual ones, and for bones and EM the paper's way, too.
 fn settings(method: Method) -> Vec<Settings> {
     let usual = Settings::default();
-    let paper = Settings { hidden: Hidden::Count(5), e_step: EStep::Imputing, ..usual };
+    let paper = Settings { hidden: Hidden::Count(5), e_step: EStep::Imputing, ..usual.clone() };
     match method {
         Method::Linear | Method::Spline | Method::Auto => vec![usual],
-        Method::Msvd => vec![usual, Settings { start: Start::Zero, hidden: Hidden::Energy(0.95), ..usual }],
+        // whatever the body is
+        Method::Skeleton => vec![usual.clone(), Settings { wearer: Some(Arc::new(actors_take(1, 30.0).1)), ..usual }],
+        Method::Msvd => vec![usual.clone(), Settings { start: Start::Zero, hidden: Hidden::Energy(0.95), ..usual }],
         Method::Lds => vec![usual, paper],
         Method::BoleroHc => vec![usual, Settings { step: BoneStep::Frame, ..paper }],
         Method::BoleroSc => vec![
-            usual,
-            Settings { lambda: Some(1e4), ..paper },
+            usual.clone(),
+            Settings { lambda: Some(1e4), ..paper.clone() },
             Settings { step: BoneStep::Frame, noise: Noise::Isotropic, init: Init::Random(3), start: Start::Interpolate, ..paper },
             Settings { step: BoneStep::Gradient, ..usual },
         ],
     }
+}
+
+/// A walk of the synthetic actor, in mm and with nothing hidden, and the actor's body with the markers that it wears.
+fn actors_take(frames: usize, rate_hz: f64) -> (Take, Wearer) {
+    let actor = Actor::new(5);
+    let map = actor.marker_map();
+    let mut take = TakeBuilder::new(map.iter().map(|m| Marker::new(m.name.clone())).collect(), frames, rate_hz);
+    for (frame, row) in actor.markers(&actor.poses(Motion::Walk, frames, rate_hz), &MarkerOptions::default()).iter().enumerate() {
+        for (marker, place) in row.iter().enumerate() {
+            take.set(frame, marker, place.unwrap().map(|x| x * 10.0), Origin::Measured);
+        }
+    }
+    let at = |vertex: usize| Vec3::from(actor.mesh.vertices[vertex]);
+    let worn = |m: &mocap_repair::demo::actor::SkinMarker| WornMarker { part: m.joint, vertex: at(m.vertex), offset: Vec3::zeros() };
+    let markers = map.iter().enumerate().map(|(column, m)| (column, worn(m), 1.0)).collect();
+    (take.build(), Wearer { tree: Tree::new(&actor.skeleton, 1.0), limits: None, markers })
+}
+
+/// What is missing of a take, by frame and marker.
+fn missing(take: &Take) -> Vec<(usize, usize)> {
+    let all = (0..take.frames()).flat_map(|frame| (0..take.markers.len()).map(move |marker| (frame, marker)));
+    all.filter(|&(frame, marker)| take.origin(frame, marker) == Origin::Missing).collect()
 }
 
 /// Labels for markers of which nothing else is known.

@@ -6,15 +6,17 @@
 //! and their axes, so a turned or reordered take starts a little elsewhere.
 //! Units are no law: what is small or stiff is decided in millimetres.
 
-use crate::{Hole, WALKERS, cases, hidden, holes, remade, repaired, walk_of};
+use crate::{Hole, WALKERS, actors_take, cases, hidden, holes, remade, repaired, walk_of};
 use formats::{Take, TakeBuilder};
 use mocap_repair::solve::{Method, Settings};
 use proptest::prelude::*;
+use std::sync::Arc;
 
 /// How far a filled sample may be from where it should have moved to, in mm: by (moving, turning or reordering).
 fn tolerances_mm(method: Method) -> (f64, f64) {
     match method {
-        Method::Linear | Method::Spline => (1e-8, 1e-8),
+        // without a body
+        Method::Linear | Method::Spline | Method::Skeleton => (1e-8, 1e-8),
         Method::Msvd | Method::Lds | Method::BoleroHc | Method::BoleroSc | Method::Auto => (1e-4, 0.05),
     }
 }
@@ -76,6 +78,47 @@ fn takes() -> impl Strategy<Value = Take> {
 
 fn in_order() -> Vec<usize> {
     (0..WALKERS.len()).collect()
+}
+
+/// A body that wears markers is found wherever it is, and what it fills moves along.
+#[test]
+fn a_body_moves_along_with_what_it_wears() {
+    let (whole, wearer) = actors_take(90, 30.0);
+    let holes = [(3, 0.2, 20), (17, 0.5, 25), (18, 0.5, 25), (30, 0.7, 9)].map(|(marker, at, frames)| Hole { marker, at, frames });
+    let take = hidden(&whole, &holes);
+    let in_order: Vec<usize> = (0..take.markers.len()).collect();
+    let settings = Settings { wearer: Some(Arc::new(wearer)), ..Settings::default() };
+    for (angle, shift_mm, tolerance_mm) in [(0.0, [5000.0, -800.0, 1000.0], 0.01), (2.0, [0.0; 3], 0.5)] {
+        let moved = Move { columns: in_order.clone(), angle, shift_mm };
+        let place = |p| moved.place(p);
+        let expected = repaired(&take, Method::Skeleton, &settings, 1, false).take;
+        let found = repaired(&remade(&take, &in_order, place), Method::Skeleton, &settings, 1, false).take;
+        for (frame, marker) in crate::missing(&take) {
+            let (p, q) = (found.position_mm(frame, marker).unwrap(), place(expected.position_mm(frame, marker).unwrap()));
+            let off = (0..3).map(|axis| (p[axis] - q[axis]).powi(2)).sum::<f64>().sqrt();
+            assert!(off <= tolerance_mm, "marker {marker} in frame {frame} is off by {off} mm");
+        }
+    }
+}
+
+/// Where markers of a limb are hidden for long, a body knows more than curves do.
+#[test]
+fn a_body_fills_long_gaps_better_than_splines() {
+    let (whole, wearer) = actors_take(150, 30.0);
+    let holes = [(8, 0.1, 45), (15, 0.2, 30), (16, 0.2, 30), (24, 0.5, 40), (33, 0.6, 45), (38, 0.3, 60)];
+    let take = hidden(&whole, &holes.map(|(marker, at, frames)| Hole { marker, at, frames }));
+    let settings = Settings { wearer: Some(Arc::new(wearer)), ..Settings::default() };
+    let missing = crate::missing(&take);
+    let rms_mm = |method: Method| {
+        let filled = repaired(&take, method, &settings, 1, false).take;
+        let square = |&(frame, marker): &(usize, usize)| {
+            let [p, q] = [&filled, &whole].map(|take| take.position_mm(frame, marker).unwrap());
+            (0..3).map(|axis| (p[axis] - q[axis]).powi(2)).sum::<f64>()
+        };
+        (missing.iter().map(square).sum::<f64>() / missing.len() as f64).sqrt()
+    };
+    let (skeleton, spline) = (rms_mm(Method::Skeleton), rms_mm(Method::Spline));
+    assert!(skeleton < 20.0 && skeleton < 0.25 * spline, "skeleton {skeleton} mm, spline {spline} mm");
 }
 
 proptest! {

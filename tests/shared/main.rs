@@ -10,6 +10,7 @@ mod c3d;
 #[allow(dead_code)] // the fuzz targets use the rest
 mod checks;
 mod kineben;
+mod solved;
 mod survey;
 mod tables;
 mod text;
@@ -236,5 +237,6 @@ fn main() {
     }
     suite("repaired", tests);
     suite("tracked", tracked::trials(&folder.join("data")));
+    suite("solved", solved::trials(&folder.join("data")));
     libtest_mimic::run(&Arguments::from_args(), trials).exit();
 }

@@ -72,7 +72,7 @@ fn followed(folder: &Path, bound: &Bound) -> Result<(), Failed> {
 }
 
 /// Mean and largest distance of the joints of a BVH file from those of a table, cm.
-fn errors_cm(bvh: &[u8], truth: &str) -> Result<(f64, f64), Failed> {
+pub fn errors_cm(bvh: &[u8], truth: &str) -> Result<(f64, f64), Failed> {
     use formats::{Format, Notes, Stated, Unit};
     let stated = Stated { unit: Some(Unit::Centimetre), ..Stated::default() };
     let document = formats::bvh::Bvh.open(bvh.to_vec(), &stated, &Notes::new())?;

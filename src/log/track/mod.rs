@@ -7,11 +7,11 @@
 mod channels;
 mod layout;
 
-use super::body::{self, Limbs};
+use super::body::{self, Limbs, VIEWED, in_space, said};
 use super::channels::timestamp;
 use super::mcap::{Attachment, Ended, LogError, Up, Whole};
 use super::metadata::METADATA;
-use super::schema::foxglove::{Log, PointCloud, log::Level};
+use super::schema::foxglove::PointCloud;
 use super::schema::{EmRound, TrackedFrame, em_round, tracked_frame};
 use super::sink::Sink;
 use super::{axes, is_unfinished};
@@ -24,16 +24,13 @@ use crate::track::{Given, Seen};
 use ::mcap::McapError;
 use ::mcap::records::Metadata;
 use channels::Channel;
-use formats::{Direction, Note};
+use formats::Note;
 use prost::Message;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// Points of a cloud that are farther than this from the body are drawn as such, cm.
 const BESIDE_CM: f64 = 3.0;
-
-/// About so many frames decide where the view looks.
-const VIEWED: usize = 300;
 
 /// What is known before the first frame.
 #[derive(Clone, Debug)]
@@ -77,15 +74,6 @@ pub struct TrackLog<'a> {
     broken: Option<LogError>,
 }
 
-/// Which way is up: bodies are taller than thick.
-fn up(rig: &Rig) -> Up {
-    let side = |k: usize| {
-        let coordinates = || rig.body.vertices.iter().map(move |x| x[k]);
-        coordinates().fold(f64::NEG_INFINITY, f64::max) - coordinates().fold(f64::INFINITY, f64::min)
-    };
-    Up::Guessed(Direction { axis: if side(1) >= side(2) { 1 } else { 2 }, positive: true })
-}
-
 impl<'a> TrackLog<'a> {
     /// Begins a log that will be called `path`, in a hidden temporary file of the same folder.
     ///
@@ -98,7 +86,7 @@ impl<'a> TrackLog<'a> {
             names: rig.names().collect(),
             parts: rig.with_surface(),
             limbs: Limbs::new(rig),
-            up: up(rig),
+            up: Up::Guessed(rig.up()),
             cloud: body::empty_cloud(),
             frames: 0,
             rounds: 0,
@@ -137,7 +125,7 @@ impl<'a> TrackLog<'a> {
         let period = |share: f64| ((f64::from(frame) + share) * 1e9 / self.about.rate_hz).round() as u64;
         let now = period(0.0);
         let times: Vec<u64> = (0..tracked.rounds.len()).map(|r| period(r as f64 / tracked.rounds.len() as f64)).collect();
-        let in_space = self.in_space(frame);
+        let in_space = in_space(frame, self.about.rate_hz, self.about.log_rate_hz);
         self.round(seen, tracked, 0, now);
         self.put(Channel::Frames, now, &self.tracked(seen, now).encode_to_vec());
         if in_space {
@@ -154,13 +142,6 @@ impl<'a> TrackLog<'a> {
                 side.push(x * 1e-2);
             }
         }
-    }
-
-    /// True if the frame is drawn.
-    fn in_space(&self, frame: u32) -> bool {
-        let Some(log_rate_hz) = self.about.log_rate_hz.filter(|hz| *hz < self.about.rate_hz) else { return true };
-        let period = |frame: u32| (f64::from(frame) * log_rate_hz / self.about.rate_hz).floor();
-        frame == 0 || period(frame) > period(frame - 1)
     }
 
     fn round(&mut self, seen: &Seen, tracked: &Tracked, at: usize, time: u64) {
@@ -259,15 +240,7 @@ impl<'a> TrackLog<'a> {
     }
 
     fn say(&mut self, time: u64, number: u32, warning: bool, name: &str, message: String) {
-        let level = if warning { Level::Warning } else { Level::Info };
-        let log = Log {
-            timestamp: Some(timestamp(time)),
-            level: level.into(),
-            message,
-            name: name.to_owned(),
-            file: self.about.source_name.clone(),
-            line: number,
-        };
+        let log = said(time, number, warning, name, message, &self.about.source_name);
         self.put(Channel::Log, time, &log.encode_to_vec());
     }
 

@@ -8,4 +8,4 @@ mod pass;
 mod smooth;
 
 pub use calibrate::{Calibration, Known, calibrate};
-pub use pass::{Seen, Settings, Solution, solve};
+pub use pass::{Round, Seen, Settings, Solution, Stage, solve};

@@ -1,7 +1,7 @@
 //! Frame by frame.
 
 use super::begin::placed;
-use super::smooth::{Task, smooth};
+use super::smooth::{Stepped, Task, smooth};
 use crate::solve::ik::gauss_newton::Rules;
 use crate::solve::ik::terms::{At, Limits, Marker, Markers};
 use crate::solve::ik::{GaussNewton, Pose, Posed, Term, Tree, Vec3};
@@ -47,6 +47,43 @@ impl Default for Settings {
 pub struct Solution {
     /// The pose of every frame.
     pub poses: Vec<Pose>,
+    /// How it came about, in order.
+    pub rounds: Vec<Round>,
+}
+
+/// What a round is there for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Stage {
+    /// Every frame by itself.
+    Frames,
+    /// All frames, with accelerations held strongly.
+    Settling,
+    /// All frames, once it is known which markers can be trusted.
+    Trusting,
+}
+
+impl Stage {
+    /// One word, for records.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Frames => "frames",
+            Self::Settling => "settling",
+            Self::Trusting => "trusting",
+        }
+    }
+}
+
+/// What a pass over all frames came to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Round {
+    /// What it was there for.
+    pub stage: Stage,
+    /// The sum of the squared distances of markers from their places, times their weights, after it.
+    pub energy: f64,
+    /// The root mean square of the distances, cm; NaN if nothing was seen.
+    pub rms_cm: f64,
+    /// The largest change of a degree of freedom, radians or cm; NaN for the first one, which had nothing to change.
+    pub largest_change: f64,
 }
 
 /// How strongly a step is held back, for what markers do not say.
@@ -64,14 +101,40 @@ pub fn solve(tree: &Tree, limits: Option<&Limits>, markers: &[Marker], seen: &Se
         limits
     });
     let mut poses = pass(tree, limits.as_ref(), markers, seen);
+    // what each step found before it is what the round before it came to
+    let mut found: Vec<(Stage, Stepped)> = Vec::new();
     if settings.smooth > 0.0 {
         let mut task = Task { tree, limits: limits.as_ref(), markers, seen, trust: &vec![1.0; seen.markers] };
-        poses = smooth(&task, &poses, SETTLING * settings.smooth, 2);
+        let mut steps;
+        (poses, steps) = smooth(&task, &poses, SETTLING * settings.smooth, 2);
+        found.extend(steps.drain(..).map(|step| (Stage::Settling, step)));
         let trust = trust(tree, markers, seen, &poses);
         task.trust = &trust;
-        poses = smooth(&task, &poses, TRUSTING * settings.smooth, 1);
+        (poses, steps) = smooth(&task, &poses, TRUSTING * settings.smooth, 1);
+        found.extend(steps.drain(..).map(|step| (Stage::Trusting, step)));
     }
-    Solution { poses }
+    let last = last(tree, markers, seen, &poses);
+    let befores = found.iter().map(|(_, step)| step).chain([&last]);
+    let stages = [(Stage::Frames, f64::NAN)].into_iter().chain(found.iter().map(|(stage, step)| (*stage, step.largest)));
+    let round = |((stage, largest_change), step): ((Stage, f64), &Stepped)| {
+        let rms_cm = (step.squares / step.samples as f64).sqrt();
+        Round { stage, energy: step.energy, rms_cm, largest_change }
+    };
+    let rounds = stages.zip(befores).map(round).collect();
+    Solution { poses, rounds }
+}
+
+/// What is left of the markers in the end.
+fn last(tree: &Tree, markers: &[Marker], seen: &Seen, poses: &[Pose]) -> Stepped {
+    let mut posed = Posed::new(tree);
+    let mut left = Stepped::default();
+    for (frame, pose) in poses.iter().enumerate() {
+        posed.set(tree, pose);
+        for (at, x, weight) in seen.frame(frame) {
+            left.add(weight, (posed.parts[markers[at].part].point(&markers[at].place()) - x).norm_squared());
+        }
+    }
+    left
 }
 
 /// Frames of one task. A constant, so that poses do not depend on the number of cores.

@@ -8,6 +8,7 @@ use super::band::Band;
 use crate::solve::ik::terms::{At, Limits, Marker};
 use crate::solve::ik::{Normal, Pose, Posed, Term, Tree};
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Frames of a window that are kept.
 const INNER: usize = 384;
@@ -31,14 +32,42 @@ pub(super) struct Task<'a> {
     pub trust: &'a [f64],
 }
 
+/// What a step found before it, and how far it went.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Stepped {
+    /// The sum of squared distances of markers, times their weights.
+    pub energy: f64,
+    /// The sum of squared distances, cm².
+    pub squares: f64,
+    pub samples: usize,
+    /// The largest change of any degree of freedom.
+    pub largest: f64,
+}
+
+impl Stepped {
+    pub fn add(&mut self, weight: f64, square: f64) {
+        self.energy += weight * square;
+        self.squares += square;
+        self.samples += 1;
+    }
+
+    /// The same step in other frames.
+    fn join(&mut self, other: &Self) {
+        self.energy += other.energy;
+        self.squares += other.squares;
+        self.samples += other.samples;
+        self.largest = self.largest.max(other.largest);
+    }
+}
+
 /// Steps until they are small. `strength` is the weight of accelerations of the usual size, against squared centimetres.
-pub(super) fn smooth(task: &Task<'_>, poses: &[Pose], strength: f64, most: usize) -> Vec<Pose> {
+pub(super) fn smooth(task: &Task<'_>, poses: &[Pose], strength: f64, most: usize) -> (Vec<Pose>, Vec<Stepped>) {
     let frames = poses.len();
     if frames < 3 {
-        return poses.to_vec();
+        return (poses.to_vec(), Vec::new());
     }
     let usual = usual_accelerations(task.tree, poses);
-    let windows: Vec<Vec<Pose>> = (0..frames.div_ceil(INNER))
+    let windows: Vec<(Vec<Pose>, Vec<Stepped>)> = (0..frames.div_ceil(INNER))
         .into_par_iter()
         .map_init(
             || Memory { normal: Normal::new(task.tree), posed: Posed::new(task.tree), band: Band::default(), speeds: Vec::new() },
@@ -46,16 +75,29 @@ pub(super) fn smooth(task: &Task<'_>, poses: &[Pose], strength: f64, most: usize
                 let (first, last) = (window * INNER, ((window + 1) * INNER).min(frames));
                 let (from, to) = (first.saturating_sub(MARGIN), (last + MARGIN).min(frames));
                 let mut own = poses[from..to].to_vec();
-                for _ in 0..most {
-                    if step(task, from, &mut own, &usual, strength, memory).is_none_or(|largest| largest < SMALL) {
-                        break;
-                    }
+                let inner = first - from..last - from;
+                let mut steps: Vec<Stepped> = Vec::with_capacity(most);
+                while steps.len() < most && steps.last().is_none_or(|step| step.largest >= SMALL) {
+                    let Some(stepped) = step(task, from, &mut own, &inner, &usual, strength, memory) else { break };
+                    steps.push(stepped);
                 }
-                own.drain(first - from..last - from).collect()
+                (own.drain(inner).collect(), steps)
             },
         )
         .collect();
-    windows.into_iter().flatten().collect()
+    let count = windows.iter().map(|(_, steps)| steps.len()).max().unwrap_or(0);
+    let mut steps = vec![Stepped::default(); count];
+    for (_, own) in &windows {
+        for (at, step) in steps.iter_mut().enumerate() {
+            match (own.get(at), own.last()) {
+                (Some(found), _) => step.join(found),
+                // a window that had settled is as its last step found it, nearly
+                (None, Some(found)) => step.join(&Stepped { largest: 0.0, ..*found }),
+                (None, None) => {}
+            }
+        }
+    }
+    (windows.into_iter().flat_map(|(poses, _)| poses).collect(), steps)
 }
 
 struct Memory {
@@ -65,8 +107,17 @@ struct Memory {
     speeds: Vec<f64>,
 }
 
-/// A step of the frames from `first` on. Returns the largest change of any degree of freedom, `None` if there is no step.
-fn step(task: &Task<'_>, first: usize, poses: &mut [Pose], usual: &[f64], strength: f64, memory: &mut Memory) -> Option<f64> {
+/// A step of the frames from `first` on; what it finds is told of those in `inner`. `None` if there is no step.
+fn step(
+    task: &Task<'_>,
+    first: usize,
+    poses: &mut [Pose],
+    inner: &Range<usize>,
+    usual: &[f64],
+    strength: f64,
+    memory: &mut Memory,
+) -> Option<Stepped> {
+    let mut found = Stepped::default();
     let Memory { normal, posed, band, speeds } = memory;
     let tree = task.tree;
     let (n, frames) = (tree.freedom(), poses.len());
@@ -77,7 +128,11 @@ fn step(task: &Task<'_>, first: usize, poses: &mut [Pose], usual: &[f64], streng
         for (marker, x, weight) in task.seen.frame(first + frame) {
             let part = task.markers[marker].part;
             let place = posed.parts[part].point(&task.markers[marker].place());
-            normal.blocks[part].point(&place, weight * task.trust[marker], &(place - x));
+            let off = place - x;
+            if inner.contains(&frame) {
+                found.add(weight, off.norm_squared());
+            }
+            normal.blocks[part].point(&place, weight * task.trust[marker], &off);
         }
         if let Some(limits) = task.limits {
             limits.add(&At { tree, pose, posed }, normal);
@@ -112,7 +167,8 @@ fn step(task: &Task<'_>, first: usize, poses: &mut [Pose], usual: &[f64], streng
     for (pose, step) in poses.iter_mut().zip(band.right.chunks_exact(n)) {
         pose.update(tree, step, 1.0);
     }
-    Some(band.right.iter().fold(0.0, |largest, step| largest.max(step.abs())))
+    found.largest = band.right.iter().fold(0.0, |largest, step| largest.max(step.abs()));
+    Some(found)
 }
 
 /// What leads from each frame to the next.

@@ -273,13 +273,13 @@ impl pulp::NullaryFnOnce for Search<'_> {
 fn look(lane: &Lane, query: &Query, least: f64, within: &mut f64, found: &mut Option<Found>) {
     let mut squares = [0.0; LANES];
     let mut any = false;
-    for k in 0..LANES {
+    for (k, to) in squares.iter_mut().enumerate() {
         let off = [0, 1, 2].map(|axis| lane.vertices[axis][k] - query.point[axis]);
         let normals = [0, 1, 2].map(|axis| lane.normals[axis][k] * query.normal[axis]);
         let compatible = normals[0] + normals[1] + normals[2] + lane.bonus[k] > least;
         let square = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
-        squares[k] = if compatible { square } else { f64::INFINITY };
-        any |= squares[k] <= *within;
+        *to = if compatible { square } else { f64::INFINITY };
+        any |= *to <= *within;
     }
     if any {
         for (&square, &vertex) in squares.iter().zip(&lane.names) {

@@ -40,7 +40,7 @@ pub enum Bound {
 }
 
 /// Joints and their bounds, with weights that can follow the data's.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Limits {
     /// Each with its joint and the weight of its squared angle.
     pub bounds: Vec<(usize, Bound, f64)>,

@@ -1,0 +1,165 @@
+//! The story of one take of labelled markers, from top to bottom: the motion of a body that wears them becomes a BVH file.
+//!
+//! Read the rig and the take, find out where markers sit, weigh what was seen, solve, write to hidden files, prove, rename.
+//! How the motion is solved for is [`crate::solve::markers`]' business.
+
+mod report;
+mod seen;
+
+use crate::error::RepairError;
+use crate::fills;
+use crate::input::{Opened, Reading, expand, open, read};
+use crate::log::{FitAbout, write_fit_log};
+use crate::output::{Names, check_motion_name, put_in_place, unwritable};
+use crate::rig::bvh::Poses;
+use crate::rig::map::Worn;
+use crate::rig::wearer::WearerFiles;
+use crate::rig::{Rig, read_rig};
+use crate::solve::Observer;
+use crate::solve::ik::Posed;
+use crate::solve::ik::terms::Marker;
+use crate::solve::markers::{Settings, solve};
+use crate::staging;
+use formats::bvh::Order;
+use formats::{Direction, Take};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+pub use report::{MarkerReport, Report, Unseen};
+pub use seen::{Fitted, SIGMA_CM, weigh, write_table};
+
+/// What is wanted.
+#[derive(Clone, Debug)]
+pub struct Request {
+    /// The take. Never written, as all that is read.
+    pub input: PathBuf,
+    /// What the user states about it.
+    pub reading: Reading,
+    /// The body, and where the markers sit on it.
+    pub wearer: WearerFiles,
+    /// The table of samples that were filled, with how sure they are.
+    pub fills: Option<PathBuf>,
+    /// How the motion is solved for.
+    pub settings: Settings,
+    /// The order of rotation channels.
+    pub order: Order,
+    /// The BVH file to write.
+    pub output: PathBuf,
+    /// The table of frames to write.
+    pub table: PathBuf,
+    /// The log to write, if any.
+    pub log: Option<PathBuf>,
+    /// The most frames per second that the log draws in space; all if absent.
+    pub log_rate_hz: Option<f64>,
+    /// Replace files that exist.
+    pub force: bool,
+}
+
+/// Solves for the motion of a body from the markers that it wears.
+///
+/// # Errors
+/// A file cannot be read or written, or the files do not belong together. Then no file was written.
+pub fn fit(request: &Request, watch: &mut dyn Observer) -> Result<Report, RepairError> {
+    let began = Instant::now();
+    request.check_names()?;
+    watch.phase("reading the body and the take");
+    let rig = read_rig(&request.wearer.rig)?;
+    let opened = open(&request.input, &request.reading)?;
+    let worn = request.wearer.worn(&rig, opened.document.take())?;
+    let sigmas = request.sigmas(opened.document.take())?;
+    let turn = opened.document.take().up.map(|from| (from, rig.up())).filter(|(from, to)| from != to);
+    let turned = turn.map(|(from, to)| opened.document.take().turned(from, to));
+    let take = turned.as_ref().unwrap_or(opened.document.take());
+    watch.phase("solving for the motion");
+    let solving = Instant::now();
+    let fitted = solved(request, &rig, take, &worn, &sigmas);
+    let mut report = Report::new(request, &rig, &opened, turn);
+    report.solve_took = solving.elapsed();
+    report.judge(&fitted, &rig);
+    report.took = began.elapsed();
+    watch.phase("writing and checking the motion");
+    write_out(request, &rig, &opened, &fitted, report)
+}
+
+/// The motion, and how far markers are from where it has them.
+fn solved<'a>(request: &Request, rig: &Rig, take: &'a Take, worn: &'a Worn, sigmas: &BTreeMap<(usize, usize), f64>) -> Fitted<'a> {
+    let seen = weigh(take, worn, sigmas);
+    let markers: Vec<Marker> = worn.markers.iter().map(|(_, _, marker, _)| *marker).collect();
+    let solution = solve(&rig.body.tree, rig.limits.as_ref(), &markers, &seen, &request.settings);
+    Fitted::new(take, worn, seen, solution, rig)
+}
+
+/// Writes everything under hidden names, proves it, and puts it in place: the motion last.
+fn write_out(request: &Request, rig: &Rig, opened: &Opened, fitted: &Fitted<'_>, mut report: Report) -> Result<Report, RepairError> {
+    let mut poses = Poses::default();
+    let mut posed = Posed::new(&rig.body.tree);
+    for pose in &fitted.solution.poses {
+        posed.set(&rig.body.tree, pose);
+        poses.push(rig, pose, &posed.centres);
+    }
+    let motion = poses.stage(rig, opened.document.take().rate_hz, request.order, &request.output)?;
+    drop(poses);
+    let table = staging::beside(&request.table).and_then(|mut file| {
+        write_table(fitted, &mut file)?;
+        file.as_file().sync_all()?;
+        Ok(file)
+    });
+    let table = table.map_err(|e| unwritable(&request.table, &e))?;
+    let mut whole = None;
+    if let Some(path) = &request.log {
+        let told =
+            Report { output: Some(request.output.clone()), table: Some(request.table.clone()), log: Some(path.clone()), ..report.clone() };
+        match write_fit_log(path, rig, &request.about(opened), fitted, &told) {
+            Ok(log) => whole = Some((path.as_path(), log)),
+            Err(error) => report.log_error = Some(format!("{}: {error}", path.display())),
+        }
+    }
+    let log = whole.as_ref().map(|(path, _)| path.to_path_buf());
+    match put_in_place((table, &request.table), whole, (motion, &request.output))? {
+        Some(error) => report.log_error = log.map(|path| format!("{}: {error}", path.display())),
+        None => report.log = log,
+    }
+    report.table = Some(request.table.clone());
+    report.output = Some(request.output.clone());
+    Ok(report)
+}
+
+impl Request {
+    /// No file that is read is written, and nothing that exists is overwritten unasked.
+    fn check_names(&self) -> Result<(), RepairError> {
+        check_motion_name(&self.output)?;
+        Names {
+            input: &self.input,
+            output: &self.output,
+            reads: self.wearer.all().chain(self.fills.as_deref()).chain(self.reading.tables()).collect(),
+            beside: [Some(self.table.as_path()), self.log.as_deref()].into_iter().flatten().collect(),
+            in_place: false,
+            force: self.force,
+        }
+        .check_beside()
+    }
+
+    /// What the log is to know.
+    fn about(&self, opened: &Opened) -> FitAbout {
+        let bare = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        let ball = if self.wearer.rig.swing_twist { "swing-twist" } else { "cones" };
+        let mut options = vec![
+            ("map".to_owned(), bare(&self.wearer.map)),
+            ("order".to_owned(), self.order.name().to_ascii_lowercase()),
+            ("cst_ball".to_owned(), ball.to_owned()),
+            ("smooth".to_owned(), self.settings.smooth.to_string()),
+        ];
+        options.extend(self.fills.iter().map(|path| ("fills".to_owned(), bare(path))));
+        FitAbout { source_name: bare(&self.input), source_sha256: opened.sha256.clone(), options, log_rate_hz: self.log_rate_hz }
+    }
+
+    /// How sure filled samples are, mm.
+    fn sigmas(&self, take: &Take) -> Result<BTreeMap<(usize, usize), f64>, RepairError> {
+        let Some(path) = &self.fills else { return Ok(BTreeMap::new()) };
+        fills::read_sigmas(&expand(read(path)?, path)?, take).map_err(|problem| RepairError::Io { path: path.clone(), problem })
+    }
+}
+
+/// Which way a take was turned: what pointed along the first one points along the second one.
+pub type Turn = (Direction, Direction);

@@ -1,0 +1,273 @@
+//! `skeleton`: gaps are filled from the part of the body that carries the marker.
+//!
+//! The pose of every frame is solved for with what is seen ([`super::markers`]). Seen from its part, a marker stays about where it sits: what it moves
+//! there is its skin. That is a process without trend whose past is forgotten at a rate of the marker's own (Ornstein-Uhlenbeck), so between the edges of
+//! a gap it is known best from those two samples, and the fill joins what was seen on both sides.
+//!
+//! How sure that is, is measured: as many samples are hidden a second time, in gaps of the same kinds, and filled, and the errors are compared with
+//! what the process promises. A pose knows a part the less, the fewer of its markers are seen, so that is done by their number.
+//!
+//! Markers that the body does not wear are filled by splines.
+
+use super::ik::terms::{Limits, Marker};
+use super::ik::{Posed, Tree, Vec3};
+use super::interpolate::{Curve, Interpolate};
+use super::markers::{Seen, Settings, Solution, solve};
+use super::{Estimate, Problem, Progress, SolveError, Solver};
+use std::sync::Arc;
+
+/// A body, and where it wears markers. Lengths are in cm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Wearer {
+    /// The skeleton.
+    pub tree: Tree,
+    /// How far its joints move.
+    pub limits: Option<Limits>,
+    /// Columns of the take, where their markers sit, and the factors of their weights.
+    pub markers: Vec<(usize, Marker, f64)>,
+}
+
+/// What a marker does on its part is looked at over this time, s.
+const LAG_SECS: f64 = 0.1;
+/// A correlation over one frame is at least this, and at most 1 less this.
+const LEAST: f64 = 1e-4;
+/// What is taken for the correlation over [`LAG_SECS`] where too little was seen to measure it.
+const USUAL_CORRELATION: f64 = 0.7;
+/// Fewer pairs of samples than this measure nothing.
+const LEAST_PAIRS: usize = 20;
+/// Numbers of seen markers of a part that are told apart: none, one, and more.
+const CLASSES: usize = 3;
+/// Standard deviation of a 3-D error that every fill has, cm: that of a good camera system.
+const FLOOR_CM: f64 = 0.03;
+
+/// Fills all gaps in one step.
+pub struct Skeleton<'a> {
+    problem: &'a Problem,
+    wearer: Option<Arc<Wearer>>,
+    estimate: Estimate,
+}
+
+impl<'a> Skeleton<'a> {
+    /// Nothing is computed before the first step.
+    pub fn new(problem: &'a Problem, wearer: Option<Arc<Wearer>>) -> Self {
+        Self { problem, wearer, estimate: Estimate::open(problem.missing.len()) }
+    }
+}
+
+impl Solver for Skeleton<'_> {
+    fn name(&self) -> &'static str {
+        "skeleton"
+    }
+
+    fn step(&mut self) -> Result<Progress, SolveError> {
+        let problem = self.problem;
+        let mut curves = Interpolate::new(problem, Curve::Spline);
+        let mut progress = curves.step()?;
+        self.estimate.clone_from(curves.estimate());
+        let Some(wearer) = &self.wearer else { return Ok(progress) };
+        let worn = Worn::new(problem, wearer);
+        if worn.columns.is_empty() || problem.frames() == 0 {
+            return Ok(progress);
+        }
+        let seen = worn.seen(problem);
+        let scale = worn.scale(problem, &seen);
+        let solution = worn.solve(&seen);
+        progress.rms_residual_mm = solution.rounds.last().map(|round| round.rms_cm * 10.0);
+        let skin = Skin::new(&worn, &seen, &solution, problem.rate_hz);
+        skin.fill(&seen, &solution, |frame, at, fill| {
+            if let Ok(k) = problem.missing.binary_search(&(frame, worn.columns[at])) {
+                self.estimate.positions_mm[k] = (fill.place * 10.0).into();
+                self.estimate.sigma_mm[k] = (fill.variance * scale[fill.class] + FLOOR_CM * FLOOR_CM).sqrt() * 10.0;
+            }
+        });
+        if self.estimate.positions_mm.iter().flatten().any(|x| x.is_infinite()) {
+            return Err(SolveError::Numerical("the pose is not finite".to_owned()));
+        }
+        Ok(progress)
+    }
+
+    fn counted(&self) -> bool {
+        true
+    }
+
+    fn estimate(&self) -> &Estimate {
+        &self.estimate
+    }
+}
+
+/// The markers of a problem that a body wears.
+struct Worn<'a> {
+    wearer: &'a Wearer,
+    /// For each of them, its column of the problem.
+    columns: Vec<usize>,
+    markers: Vec<Marker>,
+    weights: Vec<f64>,
+}
+
+impl<'a> Worn<'a> {
+    fn new(problem: &Problem, wearer: &'a Wearer) -> Self {
+        let mut worn = Self { wearer, columns: Vec::new(), markers: Vec::new(), weights: Vec::new() };
+        for (column, of_take) in problem.columns.iter().enumerate() {
+            if let Some((_, marker, weight)) = wearer.markers.iter().find(|(at, ..)| at == of_take) {
+                worn.columns.push(column);
+                worn.markers.push(*marker);
+                worn.weights.push(*weight);
+            }
+        }
+        worn
+    }
+
+    fn seen(&self, problem: &Problem) -> Seen {
+        let place =
+            |frame: usize, column: usize| problem.position_mm(frame, column).map_or(Vec3::repeat(f64::NAN), |x| Vec3::from(x) / 10.0);
+        Seen {
+            frames: problem.frames(),
+            markers: self.columns.len(),
+            places: (0..problem.frames()).flat_map(|frame| self.columns.iter().map(move |&column| place(frame, column))).collect(),
+            weights: (0..problem.frames()).flat_map(|_| self.weights.iter().copied()).collect(),
+        }
+    }
+
+    fn solve(&self, seen: &Seen) -> Solution {
+        solve(&self.wearer.tree, self.wearer.limits.as_ref(), &self.markers, seen, &Settings::default())
+    }
+
+    /// For each class, what the variances that the process promises are to be multiplied by: found on samples that are hidden where others are missing in
+    /// another half of the take.
+    fn scale(&self, problem: &Problem, seen: &Seen) -> [f64; CLASSES] {
+        let (frames, markers) = (seen.frames, seen.markers);
+        let mut poorer = seen.clone();
+        for frame in 0..frames {
+            let other = (frame + frames / 2) % frames;
+            for at in 0..markers {
+                if seen.places[other * markers + at].x.is_nan() {
+                    poorer.places[frame * markers + at] = Vec3::repeat(f64::NAN);
+                }
+            }
+        }
+        let solution = self.solve(&poorer);
+        let (mut sums, mut counts) = ([(0.0, 0.0); CLASSES], [0_usize; CLASSES]);
+        Skin::new(self, &poorer, &solution, problem.rate_hz).fill(&poorer, &solution, |frame, at, fill| {
+            let truth = seen.places[frame * markers + at];
+            if truth.x.is_finite() && fill.variance > 0.0 {
+                sums[fill.class].0 += (fill.place - truth).norm_squared();
+                sums[fill.class].1 += fill.variance;
+                counts[fill.class] += 1;
+            }
+        });
+        let all = sums.iter().fold((0.0, 0.0), |all: (f64, f64), sum| (all.0 + sum.0, all.1 + sum.1));
+        let pooled = if counts.iter().sum::<usize>() >= LEAST_PAIRS { (all.0 / all.1).max(1.0) } else { 1.0 };
+        let mut least = 0.0_f64;
+        // fewer markers never make a fill surer
+        let mut scale = [pooled; CLASSES];
+        for class in (0..CLASSES).rev() {
+            if counts[class] >= LEAST_PAIRS {
+                scale[class] = sums[class].0 / sums[class].1;
+            }
+            least = least.max(scale[class]);
+            scale[class] = least;
+        }
+        scale
+    }
+}
+
+/// A sample that was not seen.
+struct Fill {
+    /// Where it was, cm.
+    place: Vec3,
+    /// The variance that the process promises, cm².
+    variance: f64,
+    /// How many markers of its part were seen.
+    class: usize,
+}
+
+/// What markers do on their parts.
+struct Skin<'a> {
+    worn: &'a Worn<'a>,
+    /// For each frame and marker, where it was seen in the axes of its part, cm; NaN where it was not.
+    local: Vec<Vec3>,
+    /// For each marker, its mean place there.
+    means: Vec<Vec3>,
+    /// For each marker, the variance of its 3-D distance from that, cm².
+    variances: Vec<f64>,
+    /// For each marker, the correlation from one frame to the next.
+    correlations: Vec<f64>,
+}
+
+impl<'a> Skin<'a> {
+    fn new(worn: &'a Worn<'a>, seen: &Seen, solution: &Solution, rate_hz: f64) -> Self {
+        let (frames, markers) = (seen.frames, seen.markers);
+        let mut local = vec![Vec3::repeat(f64::NAN); seen.places.len()];
+        let mut posed = Posed::new(&worn.wearer.tree);
+        for (frame, pose) in solution.poses.iter().enumerate() {
+            posed.set(&worn.wearer.tree, pose);
+            for (at, x, _) in seen.frame(frame) {
+                local[frame * markers + at] = posed.parts[worn.markers[at].part].back(x);
+            }
+        }
+        let lag = ((LAG_SECS * rate_hz).round() as usize).clamp(1, frames.max(2) - 1);
+        let mut skin = Self { worn, local, means: Vec::new(), variances: Vec::new(), correlations: Vec::new() };
+        for (at, marker) in worn.markers.iter().enumerate() {
+            let place = |frame: usize| Some(skin.local[frame * markers + at]).filter(|x| x.x.is_finite());
+            let known: Vec<Vec3> = (0..frames).filter_map(place).collect();
+            let count = known.len() as f64;
+            let mean = if known.is_empty() { marker.place() } else { known.iter().sum::<Vec3>() / count };
+            let variance = if known.len() < 2 { 1.0 } else { known.iter().map(|x| (x - mean).norm_squared()).sum::<f64>() / count };
+            let pairs: Vec<f64> = (lag..frames)
+                .filter_map(|frame| Some((place(frame - lag)?, place(frame)?)))
+                .map(|(before, after)| (before - mean).dot(&(after - mean)))
+                .collect();
+            let measured = pairs.iter().sum::<f64>() / pairs.len() as f64 / variance;
+            let over_lag = if pairs.len() >= LEAST_PAIRS && measured.is_finite() { measured } else { USUAL_CORRELATION };
+            skin.means.push(mean);
+            skin.variances.push(variance);
+            skin.correlations.push(over_lag.clamp(LEAST, 1.0).powf(1.0 / lag as f64).clamp(LEAST, 1.0 - LEAST));
+        }
+        skin
+    }
+
+    /// Tells of every sample that was not seen, by frame and marker.
+    fn fill(&self, seen: &Seen, solution: &Solution, mut tell: impl FnMut(usize, usize, Fill)) {
+        let markers = seen.markers;
+        // the next frame in which each marker is seen, from every frame on: found from behind
+        let mut after: Vec<Vec<Option<usize>>> = vec![vec![None; markers]; seen.frames + 1];
+        for frame in (0..seen.frames).rev() {
+            let (now, later) = after.split_at_mut(frame + 1);
+            for at in 0..markers {
+                now[frame][at] = if seen.places[frame * markers + at].x.is_finite() { Some(frame) } else { later[0][at] };
+            }
+        }
+        let mut before: Vec<Option<usize>> = vec![None; markers];
+        let mut posed = Posed::new(&self.worn.wearer.tree);
+        let mut count = vec![0_usize; self.worn.wearer.tree.joints()];
+        for (frame, pose) in solution.poses.iter().enumerate() {
+            posed.set(&self.worn.wearer.tree, pose);
+            count.fill(0);
+            for (at, ..) in seen.frame(frame) {
+                count[self.worn.markers[at].part] += 1;
+                before[at] = Some(frame);
+            }
+            for at in 0..markers {
+                if seen.places[frame * markers + at].x.is_finite() {
+                    continue;
+                }
+                let (local, variance) = self.between(at, frame, before[at], after[frame][at]);
+                let part = self.worn.markers[at].part;
+                tell(frame, at, Fill { place: posed.parts[part].point(&local), variance, class: count[part].min(CLASSES - 1) });
+            }
+        }
+    }
+
+    /// Where a marker is on its part and the variance of that, given where it was seen last and next: the mean of a stationary Gaussian process whose
+    /// correlation falls exponentially. Such a process forgets everything but the nearest sample on either side.
+    fn between(&self, at: usize, frame: usize, before: Option<usize>, after: Option<usize>) -> (Vec3, f64) {
+        let markers = self.means.len();
+        let correlation = |edge: Option<usize>| edge.map_or(0.0, |edge| self.correlations[at].powf(edge.abs_diff(frame) as f64));
+        let off = |edge: Option<usize>| edge.map_or(Vec3::zeros(), |edge| self.local[edge * markers + at] - self.means[at]);
+        let (left, right) = (correlation(before), correlation(after));
+        let rest = 1.0 - (left * right).powi(2);
+        let (from_left, from_right) = (left * (1.0 - right * right) / rest, right * (1.0 - left * left) / rest);
+        let place = self.means[at] + off(before) * from_left + off(after) * from_right;
+        (place, self.variances[at] * (1.0 - from_left * left - from_right * right).max(0.0))
+    }
+}
