@@ -438,7 +438,7 @@ impl RepairArgs {
     fn reads(&self) -> Vec<PathBuf> {
         let bones = self.bones.iter().filter_map(|b| if let BonesArg::File(path) = b { Some(path.clone()) } else { None });
         let tables = self.stated.missing.missing.iter().map(PathBuf::from).filter(|path| missing::names_table(path));
-        let wearer = self.wearer.files();
+        let wearer = self.wearer.has_map().then(|| self.wearer.files(false));
         let worn = wearer.iter().flat_map(WearerFiles::all).map(Path::to_owned);
         bones.chain(tables).chain(self.config.clone()).chain(worn).collect()
     }
@@ -475,7 +475,7 @@ impl RepairArgs {
             tolerance: self.tolerance,
             seed: self.seed,
             policy: Policy { max_gap: self.max_gap, extrapolate: self.extrapolate, max_sigma_mm: self.max_sigma },
-            wearer: self.wearer.files(),
+            wearer: self.wearer.has_map().then(|| self.wearer.files(false)),
             markers: self.markers.clone(),
             reading: Reading { float: self.float, ..self.stated.reading() },
             config: String::new(),

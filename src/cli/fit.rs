@@ -13,7 +13,8 @@ pub(super) const AFTER_HELP: &str = "\
 The map is CSV with a header: marker,vertex,joint and, if need be, x,y,z,weight.
 A marker sits on a vertex of the surface (counted from 0) and moves with the joint;
 x,y,z lead from the vertex to the marker, or are its place in the reference pose if
-there is no vertex. Without a joint it moves with the vertex.
+there is no vertex. Without a joint it moves with the vertex. A joint alone will do
+with --calibrate.
 
 Exit codes:
   0  every joint was seen, as far as the take goes
@@ -26,13 +27,17 @@ Exit codes:
 /// `mocap-repair solve`.
 #[derive(Debug, Args)]
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
-#[command(mut_arg("cst_unit", |arg| arg.requires("cst")), mut_arg("cst_ball", |arg| arg.requires("cst")))]
+#[command(mut_arg("map", |arg| arg.required(false).required_unless_present("calibrate")), mut_arg("cst_unit", |arg| arg.requires("cst")), mut_arg("cst_ball", |arg| arg.requires("cst")))]
 pub(super) struct SolveArgs {
     /// The take with labelled markers
     #[arg(value_name = "MARKERS")]
     input: PathBuf,
     #[command(flatten)]
     wearer: WearerArgs,
+    /// Find out from the take itself where the markers sit and how long the bones are. Without --map, the label of a marker has to begin with the
+    /// name of the joint that moves it
+    #[arg(long)]
+    calibrate: bool,
     /// The BVH file to write; .zst behind its name compresses it
     #[arg(short, long, value_name = "OUT.bvh")]
     output: PathBuf,
@@ -68,11 +73,10 @@ pub(super) struct SolveArgs {
 }
 
 impl SolveArgs {
-    /// `None` without a map, which the command line demands.
-    pub fn request(&self) -> Option<Request> {
-        let wearer = self.wearer.files()?;
+    pub fn request(&self) -> Request {
+        let wearer = self.wearer.files(self.calibrate);
         let named = |extension: &str| compression::inner_name(&self.output).with_extension(extension);
-        Some(Request {
+        Request {
             input: self.input.clone(),
             reading: self.stated.reading(),
             wearer,
@@ -84,6 +88,6 @@ impl SolveArgs {
             log: (!self.no_log).then(|| self.log.clone().unwrap_or_else(|| named("mcap"))),
             log_rate_hz: self.log_rate,
             force: self.force,
-        })
+        }
     }
 }

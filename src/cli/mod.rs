@@ -345,7 +345,7 @@ fn run_track(args: &TrackArgs, interrupt: &AtomicBool) -> u8 {
 }
 
 fn run_solve(args: &SolveArgs) -> u8 {
-    let Some(request) = args.request() else { return 2 };
+    let request = args.request();
     let mut terminal = watching(args.quiet || args.json);
     let fitted = fit_markers(&request, &mut terminal);
     drop(terminal);

@@ -73,9 +73,14 @@ pub(super) struct WearerArgs {
 }
 
 impl WearerArgs {
-    /// `None` if no map is named.
-    pub fn files(&self) -> Option<WearerFiles> {
-        self.map.clone().map(|map| WearerFiles { rig: self.rig.files(), map })
+    /// With or without a map; `calibrate` says whether to find out where markers sit.
+    pub fn files(&self, calibrate: bool) -> WearerFiles {
+        WearerFiles { rig: self.rig.files(), map: self.map.clone(), calibrate }
+    }
+
+    /// True if a map is named.
+    pub fn has_map(&self) -> bool {
+        self.map.is_some()
     }
 }
 

@@ -26,7 +26,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-pub use report::{MarkerReport, Report, Unseen};
+pub use report::{Calibrated, MarkerReport, Report, Unseen};
 pub use seen::{Fitted, SIGMA_CM, weigh, write_table};
 
 /// What is wanted.
@@ -64,17 +64,24 @@ pub fn fit(request: &Request, watch: &mut dyn Observer) -> Result<Report, Repair
     let began = Instant::now();
     request.check_names()?;
     watch.phase("reading the body and the take");
-    let rig = read_rig(&request.wearer.rig)?;
+    let mut rig = read_rig(&request.wearer.rig)?;
     let opened = open(&request.input, &request.reading)?;
-    let worn = request.wearer.worn(&rig, opened.document.take())?;
+    let mut worn = request.wearer.worn(&rig, opened.document.take())?;
     let sigmas = request.sigmas(opened.document.take())?;
     let turn = opened.document.take().up.map(|from| (from, rig.up())).filter(|(from, to)| from != to);
     let turned = turn.map(|(from, to)| opened.document.take().turned(from, to));
     let take = turned.as_ref().unwrap_or(opened.document.take());
+    let mut calibrated = None;
+    if request.wearer.calibrate {
+        watch.phase("finding out where markers sit");
+        let seen = weigh(take, &worn, &sigmas);
+        calibrated = Some(request.wearer.calibrate(&mut rig, &mut worn, &seen)?);
+    }
     watch.phase("solving for the motion");
     let solving = Instant::now();
     let fitted = solved(request, &rig, take, &worn, &sigmas);
     let mut report = Report::new(request, &rig, &opened, turn);
+    report.calibrated = calibrated.map(|found| Calibrated::new(&found, &rig));
     report.solve_took = solving.elapsed();
     report.judge(&fitted, &rig);
     report.took = began.elapsed();
@@ -145,7 +152,8 @@ impl Request {
         let bare = |path: &Path| path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         let ball = if self.wearer.rig.swing_twist { "swing-twist" } else { "cones" };
         let mut options = vec![
-            ("map".to_owned(), bare(&self.wearer.map)),
+            ("map".to_owned(), self.wearer.map.as_deref().map_or_else(|| "labels".to_owned(), bare)),
+            ("calibrate".to_owned(), self.wearer.calibrate.to_string()),
             ("order".to_owned(), self.order.name().to_ascii_lowercase()),
             ("cst_ball".to_owned(), ball.to_owned()),
             ("smooth".to_owned(), self.settings.smooth.to_string()),

@@ -5,6 +5,7 @@ use crate::input::Opened;
 use crate::report::{count, lines, short};
 use crate::rig::Rig;
 use crate::runs::Stretch;
+use crate::solve::markers::Calibration;
 use crate::typeset::Style;
 use formats::{Note, printable};
 use serde::Serialize;
@@ -35,6 +36,26 @@ pub struct MarkerReport {
     pub worst_frame: i64,
     /// False if the pose does not depend on it.
     pub counts: bool,
+}
+
+/// What was found out about a body from the take.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Calibrated {
+    /// The size of the body against that of the rig.
+    pub size: f64,
+    /// For each joint whose bone has a length, its name, and how long the bone is against that of the rig.
+    pub bones: Vec<(String, f64)>,
+    /// Root mean square distance of markers from their places, cm.
+    pub rms_cm: f64,
+}
+
+impl Calibrated {
+    /// What a calibration found.
+    pub fn new(found: &Calibration, rig: &Rig) -> Self {
+        let bones = rig.names().zip(&found.scales).filter(|(_, scale)| **scale != 1.0);
+        let bones = bones.map(|(name, scale)| (name.to_owned(), scale * found.size)).collect();
+        Self { size: found.size, bones, rms_cm: found.rms_cm }
+    }
 }
 
 /// A joint of which nothing was seen for a while: neither its own markers nor those of what hangs on it.
@@ -71,6 +92,8 @@ pub struct Report {
     pub freedom: usize,
     /// How the take was turned to the axes of the rig.
     pub turned: Option<Turn>,
+    /// What was found out about the body, if that was asked for.
+    pub calibrated: Option<Calibrated>,
     /// The markers.
     pub markers: Vec<MarkerReport>,
     /// Markers of the map that the take does not have.
@@ -111,6 +134,7 @@ impl Report {
             joints: rig.body.tree.joints(),
             freedom: rig.body.tree.freedom(),
             turned,
+            calibrated: None,
             markers: Vec::new(),
             absent: Vec::new(),
             unused: Vec::new(),
@@ -216,6 +240,12 @@ impl Report {
         if let Some((from, to)) = self.turned {
             line("turned", format!("the take has {from} up and the body has {to} up, so the take was turned"));
         }
+        if let Some(Calibrated { size, bones, .. }) = &self.calibrated {
+            let percent = |x: f64| format!("{:.1} %", 100.0 * x);
+            let (least, most) = bones.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), (_, x)| (a.min(*x), b.max(*x)));
+            let bones = if bones.is_empty() { String::new() } else { format!(", its bones {} to {}", percent(least), percent(most)) };
+            line("calibrated", format!("the body has {} of the size of the rig{bones}", percent(*size)));
+        }
         let all = self.used() + self.unused.len();
         let fits =
             if self.rms_cm.is_finite() { format!(", {:.2} cm from their places (root mean square)", self.rms_cm) } else { String::new() };
@@ -306,6 +336,7 @@ impl Report {
             joints: self.joints,
             degrees_of_freedom: self.freedom,
             turned: self.turned.map(|(from, to)| [from.to_string(), to.to_string()]),
+            calibrated: self.calibrated.as_ref(),
             markers_used: self.used(),
             markers_unused: &self.unused,
             markers_absent: &self.absent,
@@ -361,6 +392,8 @@ enum Message<'a> {
         joints: usize,
         degrees_of_freedom: usize,
         turned: Option<[String; 2]>,
+        #[serde(skip_serializing_if = "Option::is_none")]
+        calibrated: Option<&'a Calibrated>,
         markers_used: usize,
         markers_unused: &'a [String],
         markers_absent: &'a [String],

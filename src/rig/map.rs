@@ -19,6 +19,27 @@ pub enum MapError {
     /// There are no markers in it.
     #[error("no marker was found, expected the header marker,vertex,joint and a line for each marker")]
     Empty,
+    /// Labels name no joints.
+    #[error(
+        "no marker has a label that begins with the name of a joint ({joints}); the take has {known}; say with --map which joint moves which marker"
+    )]
+    Labels {
+        /// What the take has.
+        known: String,
+        /// What the skeleton has.
+        joints: String,
+    },
+    /// It is not known where markers sit.
+    #[error("only the joint is told of {known}, not where they sit on its part; --calibrate finds that, or add vertices")]
+    Somewhere {
+        /// Which.
+        known: String,
+    },
+    /// Too little is seen to find out where markers sit.
+    #[error(
+        "there is no frame in which markers of three parts are seen, so it cannot be found where they sit; give --map with their vertices"
+    )]
+    TooFew,
     /// None of its markers is in the take.
     #[error("none of its markers is in the take; the first one is {first}, the take has {known}")]
     Strange {
@@ -38,6 +59,8 @@ pub struct Placed {
     pub marker: Marker,
     /// What the weight of its samples is multiplied by; 0 leaves it out.
     pub weight: f64,
+    /// True if only the joint is told: where the marker sits on its part has to be found.
+    pub somewhere: bool,
     line: u64,
 }
 
@@ -46,7 +69,7 @@ const COLUMNS: [&str; 7] = ["marker", "vertex", "joint", "x", "y", "z", "weight"
 
 /// Reads a table. The header names its columns in any order: `marker`, `vertex` (from 0, as in the surface's file) and `joint`, and besides `x`, `y`, `z`
 /// and `weight`. An offset `x`, `y`, `z` leads from the vertex to the marker, in the unit and the axes of the rig; without a vertex it is the marker's
-/// place in the reference pose. Without a joint the marker moves with the vertex, and a joint overrules that. Empty lines and lines that start
+/// place in the reference pose. With a joint alone, it is somewhere on that joint's part. Without a joint the marker moves with the vertex, and a joint overrules that. Empty lines and lines that start
 /// with `#` are skipped.
 ///
 /// # Errors
@@ -78,8 +101,8 @@ pub fn read_map(text: &[u8], rig: &Rig) -> Result<Vec<Placed>, MapError> {
         if let Some(before) = placed.iter().find(|before| before.label == marker.0) {
             return Err(wrong(format!("marker \"{}\" is in line {} already; delete one of them", marker.0, before.line)));
         }
-        let (label, marker, weight) = marker;
-        placed.push(Placed { label, marker, weight, line });
+        let (label, marker, weight, somewhere) = marker;
+        placed.push(Placed { label, marker, weight, somewhere, line });
     }
     if placed.is_empty() { Err(MapError::Empty) } else { Ok(placed) }
 }
@@ -103,8 +126,8 @@ fn columns(header: &csv::StringRecord) -> Result<[Option<usize>; 7], String> {
     }
 }
 
-/// Label, place and weight of a row.
-fn row<'a>(rig: &Rig, cell: impl Fn(usize) -> Option<&'a str>) -> Result<(String, Marker, f64), String> {
+/// Label, place and weight of a row, and whether only the joint is told.
+fn row<'a>(rig: &Rig, cell: impl Fn(usize) -> Option<&'a str>) -> Result<(String, Marker, f64, bool), String> {
     let number = |column: usize| match cell(column).map(str::parse::<f64>) {
         None => Ok(None),
         Some(Ok(x)) if x.is_finite() => Ok(Some(x)),
@@ -139,9 +162,13 @@ fn row<'a>(rig: &Rig, cell: impl Fn(usize) -> Option<&'a str>) -> Result<(String
         (None, Some(place)) => {
             (joint.ok_or("neither a vertex nor a joint, so it is not known what moves the marker")?, place, Vec3::zeros())
         }
-        (None, None) => return Err(format!("marker \"{label}\" has neither a vertex nor x, y and z")),
+        (None, None) => {
+            let part = joint.ok_or_else(|| format!("marker \"{label}\" has neither a vertex nor x, y and z, nor a joint"))?;
+            (part, rig.body.tree.links[part].centre, Vec3::zeros())
+        }
     };
-    Ok((label.to_owned(), Marker { part, vertex: at, offset }, weight))
+    let somewhere = cell(1).is_none() && cell(3).is_none();
+    Ok((label.to_owned(), Marker { part, vertex: at, offset }, weight, somewhere))
 }
 
 /// The markers of a table that a take has.
@@ -149,6 +176,8 @@ fn row<'a>(rig: &Rig, cell: impl Fn(usize) -> Option<&'a str>) -> Result<(String
 pub struct Worn {
     /// For each of them its column in the take, its label there, where it sits, and the factor of its weights; in the order of the take.
     pub markers: Vec<(usize, String, Marker, f64)>,
+    /// For each of them, whether only its part is known, and not where it sits there.
+    pub somewhere: Vec<bool>,
     /// Markers of the table that the take does not have.
     pub absent: Vec<String>,
     /// Markers of the take that the table does not have.
@@ -164,7 +193,8 @@ pub fn wear(placed: &[Placed], take: &Take) -> Result<Worn, MapError> {
     let known = |columns: &[usize]| columns.iter().map(|&m| take.display_label(m)).collect::<Vec<_>>().join(", ");
     let mut worn = Worn::default();
     let mut lines: Vec<Option<u64>> = vec![None; take.markers.len()];
-    for Placed { label, marker, weight, line } in placed {
+    let mut somewhere = vec![false; take.markers.len()];
+    for Placed { label, marker, weight, somewhere: part_only, line } in placed {
         let wrong = |problem: String| Err(MapError::Line { line: *line, problem });
         let fitting = |fits: &dyn Fn(usize) -> bool| markers.iter().copied().filter(|&m| fits(m)).collect::<Vec<_>>();
         let mut fits = fitting(&|m| take.markers[m].label == *label);
@@ -177,6 +207,7 @@ pub fn wear(placed: &[Placed], take: &Take) -> Result<Worn, MapError> {
                 if let Some(before) = lines[column].replace(*line) {
                     return wrong(format!("marker \"{label}\" of the take is in line {before} already; delete one of them"));
                 }
+                somewhere[column] = *part_only;
                 worn.markers.push((column, take.display_label(column), *marker, *weight));
             }
             _ => return wrong(format!("marker \"{label}\" may be each of {}; write its whole label", known(&fits))),
@@ -186,6 +217,33 @@ pub fn wear(placed: &[Placed], take: &Take) -> Result<Worn, MapError> {
         return Err(MapError::Strange { first: worn.absent.swap_remove(0), known: known(&markers) });
     }
     worn.markers.sort_by_key(|(column, ..)| *column);
+    worn.somewhere = worn.markers.iter().map(|(column, ..)| somewhere[*column]).collect();
     worn.strangers = markers.iter().filter(|&&m| lines[m].is_none()).map(|&m| take.display_label(m)).collect();
+    Ok(worn)
+}
+
+/// The markers of a take whose labels begin with the name of a joint (the longest such name counts): each is somewhere on that joint's part.
+///
+/// # Errors
+/// There are none.
+pub fn wear_by_labels(rig: &Rig, take: &Take) -> Result<Worn, MapError> {
+    let mut worn = Worn::default();
+    for column in (0..take.markers.len()).filter(|&m| take.markers[m].role == Role::Marker) {
+        let label = take.markers[column].name().to_ascii_lowercase();
+        let begins = |joint: &str| label.starts_with(&joint.to_ascii_lowercase());
+        let part = rig.names().enumerate().filter(|(_, joint)| begins(joint)).max_by_key(|(_, joint)| joint.len());
+        match part {
+            Some((part, _)) => {
+                let marker = Marker { part, vertex: rig.body.tree.links[part].centre, offset: Vec3::zeros() };
+                worn.markers.push((column, take.display_label(column), marker, 1.0));
+                worn.somewhere.push(true);
+            }
+            None => worn.strangers.push(take.display_label(column)),
+        }
+    }
+    if worn.markers.is_empty() {
+        let joints = rig.names().collect::<Vec<_>>().join(", ");
+        return Err(MapError::Labels { known: worn.strangers.join(", "), joints });
+    }
     Ok(worn)
 }

@@ -1,9 +1,10 @@
 //! The body that wears the markers of a take, from its files, for whoever fills gaps.
 
-use super::map::{Worn, read_map, wear};
+use super::map::{MapError, Worn, read_map, wear, wear_by_labels};
 use super::{Rig, RigFiles, read_rig};
 use crate::input::{expand, read};
 use crate::repair::RepairError;
+use crate::solve::markers::{Calibration, Known, Seen, calibrate};
 use crate::solve::skeleton::Wearer;
 use formats::{Note, Take};
 use std::path::{Path, PathBuf};
@@ -14,24 +15,63 @@ use std::sync::Arc;
 pub struct WearerFiles {
     /// The body.
     pub rig: RigFiles,
-    /// The table of markers; see [`read_map`].
-    pub map: PathBuf,
+    /// The table of markers, see [`read_map`]; without it labels tell which joint moves which marker.
+    pub map: Option<PathBuf>,
+    /// Find out where markers sit and how long bones are.
+    pub calibrate: bool,
 }
 
 impl WearerFiles {
     /// All files that are read.
     pub fn all(&self) -> impl Iterator<Item = &Path> {
-        self.rig.all().into_iter().map(|(_, path)| path).chain([self.map.as_path()])
+        self.rig.all().into_iter().map(|(_, path)| path).chain(self.map.as_deref())
     }
 
-    /// Where the markers of `take` sit.
+    /// Where the markers of `take` sit, as far as it is known beforehand.
     ///
     /// # Errors
     /// The table cannot be read, or does not fit the take.
     pub fn worn(&self, rig: &Rig, take: &Take) -> Result<Worn, RepairError> {
-        let wrong = |error| RepairError::Map { path: self.map.clone(), error };
-        let placed = read_map(&expand(read(&self.map)?, &self.map)?, rig).map_err(wrong)?;
-        wear(&placed, take).map_err(wrong)
+        let Some(map) = &self.map else {
+            return wear_by_labels(rig, take).map_err(|error| RepairError::Map { path: self.rig.skeleton.clone(), error });
+        };
+        let wrong = |error| RepairError::Map { path: map.clone(), error };
+        let placed = read_map(&expand(read(map)?, map)?, rig).map_err(wrong)?;
+        let worn = wear(&placed, take).map_err(wrong)?;
+        let somewhere =
+            worn.markers.iter().zip(&worn.somewhere).filter(|(_, somewhere)| **somewhere).map(|((_, label, ..), _)| label.as_str());
+        let known = somewhere.collect::<Vec<_>>().join(", ");
+        if known.is_empty() || self.calibrate { Ok(worn) } else { Err(wrong(MapError::Somewhere { known })) }
+    }
+
+    /// Finds out where markers sit and how long bones are: `rig` and `worn` are as the take shows them afterwards.
+    /// `seen` has the markers of `worn`.
+    ///
+    /// # Errors
+    /// Too little is seen.
+    pub fn calibrate(&self, rig: &mut Rig, worn: &mut Worn, seen: &Seen) -> Result<Calibration, RepairError> {
+        let known = worn
+            .markers
+            .iter()
+            .zip(&worn.somewhere)
+            .map(|((_, _, marker, _), somewhere)| Known { part: Some(marker.part), place: (!somewhere).then(|| marker.place()) });
+        let known: Vec<Known> = known.collect();
+        let found = calibrate(&rig.body, rig.limits.as_ref(), seen, &known).ok_or_else(|| RepairError::Map {
+            path: self.map.clone().unwrap_or_else(|| self.rig.skeleton.clone()),
+            error: MapError::TooFew,
+        })?;
+        for (joint, link) in rig.skeleton.joints.iter_mut().zip(&found.body.tree.links) {
+            joint.centre = (link.centre / rig.unit.cm()).into();
+        }
+        rig.body = found.body.clone();
+        for ((_, _, marker, weight), place) in worn.markers.iter_mut().zip(&found.markers) {
+            match place {
+                Some(place) => *marker = *place,
+                // it was never seen
+                None => *weight = 0.0,
+            }
+        }
+        Ok(found)
     }
 
     /// The body that wears the markers of `take`, and what there is to say about that.

@@ -54,7 +54,7 @@ fn solved(folder: &Path, bound: &Bound) -> Result<(), Failed> {
     let request = Request {
         input,
         reading: Reading::from(stated),
-        wearer: WearerFiles { rig, map: named("markers_map.csv") },
+        wearer: WearerFiles { rig, map: Some(named("markers_map.csv")), calibrate: false },
         fills: None,
         settings: mocap_repair::solve::markers::Settings::default(),
         order: formats::bvh::Order::default(),

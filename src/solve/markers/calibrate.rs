@@ -26,7 +26,9 @@ pub struct Known {
 pub struct Calibration {
     /// The body with its bones as long as they are; its surface is moved along.
     pub body: Body,
-    /// For each joint, the scale of the bone that leads to it; 1 where there is none.
+    /// The size of the body against that of the rig.
+    pub size: f64,
+    /// For each joint, the scale of the bone that leads to it, besides that; 1 where there is none.
     pub scales: Vec<f64>,
     /// For each marker, where it sits; `None` if it was never seen with others.
     pub markers: Vec<Option<Marker>>,
@@ -83,7 +85,7 @@ pub fn calibrate(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[Kno
     }
     let markers = (0..seen.markers).map(|at| model.marker(at)).collect();
     let body = moved(body, &model.tree);
-    Some(Calibration { body, scales: model.scales, markers, rms_cm, frame: start.frame })
+    Some(Calibration { body, size, scales: model.scales, markers, rms_cm, frame: start.frame })
 }
 
 /// The size of the body with which markers fit the surface best, and how they do.
