@@ -20,6 +20,7 @@ pub fn read(folder: &Path) -> Result<Sequence, String> {
         unit: None,
         angles: None,
         swing_twist: false,
+        spine: false,
     });
     let rig = rig.map_err(|e| e.to_string())?;
     let pattern = Pattern::parse(&format!("{}/clouds/frame_%03d.off", folder.display()))?;

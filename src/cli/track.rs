@@ -43,6 +43,9 @@ pub(super) struct RigArgs {
     /// What the second angle of a ball joint in --cst limits: how far its second direction tilts, or how far the limb turns about itself
     #[arg(long, value_enum, default_value = "cones", value_name = "HOW", requires = "cst")]
     cst_ball: BallArg,
+    /// Give the trunk a joint more, between its lower and upper limbs, so that it bends; the output has that joint, too
+    #[arg(long)]
+    spine: bool,
 }
 
 impl RigArgs {
@@ -63,6 +66,7 @@ impl RigArgs {
                 AngleArg::Rad => AngleUnit::Radian,
             }),
             swing_twist: self.cst_ball == BallArg::SwingTwist,
+            spine: self.spine,
         }
     }
 }

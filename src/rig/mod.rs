@@ -3,6 +3,7 @@
 //! What is in the files is told by `formats::rig`, what comes of the poses by [`bvh`].
 
 pub mod bvh;
+mod spine;
 
 use crate::input::{expand, hex, read};
 use crate::repair::RepairError;
@@ -14,6 +15,7 @@ use formats::rig::{AngleUnit, JointKind, Skeleton, read_limits, read_mesh, read_
 use formats::{FormatError, Note, Notes};
 use nalgebra::UnitQuaternion;
 use sha2::{Digest, Sha256};
+use spine::add_spine;
 use std::path::{Path, PathBuf};
 
 /// A body of such a size is that of a person, cm.
@@ -71,6 +73,8 @@ pub struct RigFiles {
     pub angles: Option<AngleUnit>,
     /// The second angle of a ball joint's limit is the largest turn about its limb, not a cone like the first.
     pub swing_twist: bool,
+    /// Give the trunk a joint more, so that it bends.
+    pub spine: bool,
 }
 
 impl RigFiles {
@@ -117,17 +121,21 @@ pub fn read_rig(files: &RigFiles) -> Result<Rig, RepairError> {
         move |error: FormatError| RepairError::Format { path, error }
     };
     let notes = Notes::new();
-    let skeleton = read_skeleton(bytes(0), &notes).map_err(wrong(&files.skeleton))?;
+    let mut skeleton = read_skeleton(bytes(0), &notes).map_err(wrong(&files.skeleton))?;
     let mesh = read_mesh(bytes(1)).map_err(wrong(&files.surface))?;
     if mesh.vertices.is_empty() {
         let problem = "has no vertices, so there is no surface to follow; name the surface of the body in its reference pose";
         return Err(RepairError::Io { path: files.surface.clone(), problem: problem.to_owned() });
     }
-    let parts = read_parts(bytes(2), &skeleton, mesh.vertices.len()).map_err(wrong(&files.parts))?;
-    let limits = match &files.limits {
+    let mut parts = read_parts(bytes(2), &skeleton, mesh.vertices.len()).map_err(wrong(&files.parts))?;
+    let mut limits = match &files.limits {
         Some(path) => Some(read_limits(bytes(3), &skeleton, files.angles, &notes).map_err(wrong(path))?),
         None => None,
     };
+    if files.spine && add_spine(&mut skeleton, &mesh.vertices, &mut parts, &mut limits).is_none() {
+        let problem = "has no part with two limbs or more at both of its ends, so it has no place for a spine; leave out --spine";
+        return Err(RepairError::Io { path: files.skeleton.clone(), problem: problem.to_owned() });
+    }
     let unit = files.unit.unwrap_or_else(|| likely_unit(&mesh.vertices, &notes));
     let scaled = |x: &[f64; 3]| Vec3::from(*x) * unit.cm();
     let normals = mesh.normals.iter().map(|x| Vec3::from(*x)).collect();

@@ -49,6 +49,7 @@ fn followed(folder: &Path, bound: &Bound) -> Result<(), Failed> {
             unit: None,
             angles: None,
             swing_twist: false,
+            spine: false,
         },
         settings: Settings::of(bound.method),
         rate_hz: 30.0,

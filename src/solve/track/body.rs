@@ -17,6 +17,8 @@ pub struct Body {
     pub parts: Vec<usize>,
     /// The vertices of every joint.
     pub surfaces: Vec<Vec<u32>>,
+    /// For every joint a ball around those vertices in the reference pose: its middle and radius, cm.
+    pub balls: Vec<(Vec3, f64)>,
 }
 
 impl Body {
@@ -27,7 +29,8 @@ impl Body {
         for (vertex, &part) in parts.iter().enumerate() {
             surfaces[part].push(vertex as u32);
         }
-        Self { tree, vertices, normals, faces, parts, surfaces }
+        let balls = surfaces.iter().map(|surface| ball(&vertices, surface)).collect();
+        Self { tree, vertices, normals, faces, parts, surfaces, balls }
     }
 
     /// The same body in another size.
@@ -39,6 +42,10 @@ impl Body {
         }
         for link in &mut scaled.tree.links {
             link.centre *= factor;
+        }
+        for (middle, radius) in &mut scaled.balls {
+            *middle *= factor;
+            *radius *= factor;
         }
         scaled
     }
@@ -68,6 +75,18 @@ impl Body {
         }
         (most - least).sup(&Vec3::zeros())
     }
+}
+
+/// A ball around some vertices.
+fn ball(vertices: &[Vec3], surface: &[u32]) -> (Vec3, f64) {
+    let (mut least, mut most) = (Vec3::repeat(f64::INFINITY), Vec3::repeat(f64::NEG_INFINITY));
+    for &vertex in surface {
+        least = least.inf(&vertices[vertex as usize]);
+        most = most.sup(&vertices[vertex as usize]);
+    }
+    let middle = if surface.is_empty() { Vec3::zeros() } else { (least + most) / 2.0 };
+    let radius = surface.iter().map(|&vertex| (vertices[vertex as usize] - middle).norm()).fold(0.0, f64::max);
+    (middle, radius)
 }
 
 /// The normals of vertices: the means of their faces', weighed by area. 0 where there are no faces.

@@ -49,6 +49,8 @@ pub struct Expected {
 
 /// Points of one task. A constant, so that sums do not depend on the number of cores.
 const CHUNK: usize = 256;
+/// More than what distances are rounded by.
+const ROUNDING: f64 = 1.0 + 1e-9;
 /// No vertex.
 const NONE: u32 = u32::MAX;
 
@@ -137,12 +139,23 @@ fn chunk(
     let scale_along = -0.5 / (mixture.sigma_cm * mixture.sigma_cm + mixture.spacing_cm * mixture.spacing_cm);
     // Gaussians are as high as they are narrow, along the normal and across it
     let peak = 0.5 * (scale / -std::f64::consts::PI).ln() + (scale_along / -std::f64::consts::PI).ln() - ((parts.len() + 1) as f64).ln();
+    // where each part's ball is, and how far from its middle a point may be, squared and a little more
+    let balls: Vec<(usize, Vec3, f64)> = parts
+        .iter()
+        .map(|&part| {
+            let (middle, radius) = body.balls[part];
+            (part, posed[part].point(&middle), (radius + within.sqrt()).powi(2) * ROUNDING)
+        })
+        .collect();
     let mut near: Vec<(usize, u32, f64, f64)> = Vec::new();
     for (at, hints) in hints.chunks_exact_mut(joints).enumerate().step_by(every) {
         let (point, normal) = (cloud.points[first + at], cloud.normals[first + at]);
         near.clear();
         let mut sum = mixture.outlier;
-        for &part in parts {
+        for &(part, middle, far) in &balls {
+            if (point - middle).norm_squared() > far {
+                continue;
+            }
             let rigid = &posed[part];
             let query = Query { point: rigid.back(&point), normal: rigid.rotation.tr_mul(&normal), cosine: mixture.cosine, within };
             let hint = Some(hints[part]).filter(|&hint| hint != NONE);

@@ -10,6 +10,7 @@ mod settings;
 #[cfg(test)]
 mod tests;
 mod tracker;
+mod usual;
 
 pub use body::{Body, vertex_normals};
 pub use coverage::{Beside, coverage};

@@ -22,8 +22,9 @@ impl Query {
     /// True if a normal is compatible.
     #[inline]
     fn accepts(&self, normal: &Vec3) -> bool {
+        let cosine = self.normal.x * normal.x + self.normal.y * normal.y + self.normal.z * normal.z;
         // neither has to have one
-        self.normal.dot(normal) > self.cosine || self.normal == Vec3::zeros() || *normal == Vec3::zeros()
+        cosine > self.cosine || self.normal == Vec3::zeros() || *normal == Vec3::zeros()
     }
 }
 
@@ -42,6 +43,13 @@ pub trait Nearest: Sync {
     fn nearest(&self, part: usize, query: &Query, hint: Option<u32>) -> Option<Found>;
 }
 
+/// The squared distance, with its sum in an order of its own: all that find vertices have to agree to the last bit.
+#[inline]
+fn square(a: &Vec3, b: &Vec3) -> f64 {
+    let off = [a.x - b.x, a.y - b.y, a.z - b.z];
+    off[0] * off[0] + off[1] * off[1] + off[2] * off[2]
+}
+
 /// Looks at every vertex: what the others are compared with, and what the report does.
 #[derive(Clone, Copy, Debug)]
 pub struct Brute<'a>(pub &'a Body);
@@ -50,7 +58,7 @@ impl Nearest for Brute<'_> {
     fn nearest(&self, part: usize, query: &Query, _: Option<u32>) -> Option<Found> {
         let mut found: Option<Found> = None;
         for &vertex in &self.0.surfaces[part] {
-            let square = (self.0.vertices[vertex as usize] - query.point).norm_squared();
+            let square = square(&self.0.vertices[vertex as usize], &query.point);
             if square < found.map_or(query.within, |f| f.square) && query.accepts(&self.0.normals[vertex as usize]) {
                 found = Some(Found { vertex, square });
             }
@@ -59,8 +67,10 @@ impl Nearest for Brute<'_> {
     }
 }
 
-/// Vertices of a leaf, at most.
-const LEAF: usize = 12;
+/// Vertices that are looked at together.
+const LANES: usize = 8;
+/// Lanes of a leaf, at most.
+const LEAF: usize = 2 * LANES;
 /// Boxes reach farther than their vertices by this, cm, which is more than distances are rounded by: what is as near as the best must not hide.
 const MARGIN_CM: f64 = 1e-9;
 /// Cones of normals likewise: the sine of a small angle is known to 1e-8 only, because it comes from the cosine.
@@ -76,52 +86,69 @@ struct Node {
     /// ... within an angle of this cosine and sine; with a cosine of -1 anywhere.
     cosine: f64,
     sine: f64,
-    /// Vertices, as places in the tree's order.
+    /// Lanes of a leaf.
     first: u32,
     last: u32,
     /// The second half's node; the first's comes right behind this one. 0 for a leaf.
     other: u32,
 }
 
+/// Some vertices side by side, those that are missing infinitely far away.
+#[derive(Clone, Debug)]
+struct Lane {
+    vertices: [[f64; LANES]; 3],
+    normals: [[f64; LANES]; 3],
+    /// Infinite for a vertex without a normal, which is compatible with all; else 0.
+    bonus: [f64; LANES],
+    names: [u32; LANES],
+}
+
+impl Lane {
+    fn new(body: &Body, names: &[u32]) -> Self {
+        let coordinate =
+            |from: &[Vec3], k: usize, missing: f64| std::array::from_fn(|at| names.get(at).map_or(missing, |&name| from[name as usize][k]));
+        let bonus = |name: &u32| if body.normals[*name as usize] == Vec3::zeros() { f64::INFINITY } else { 0.0 };
+        Self {
+            vertices: std::array::from_fn(|k| coordinate(&body.vertices, k, f64::INFINITY)),
+            normals: std::array::from_fn(|k| coordinate(&body.normals, k, 0.0)),
+            bonus: std::array::from_fn(|at| names.get(at).map_or(0.0, bonus)),
+            names: std::array::from_fn(|at| names.get(at).copied().unwrap_or(u32::MAX)),
+        }
+    }
+}
+
 /// A tree of boxes for every part, with cones of normals.
 #[derive(Clone, Debug)]
 pub struct Boxes {
     parts: Vec<Part>,
-    /// For each vertex of the body, its place in its part's order.
-    places: Vec<u32>,
+    /// Places and normals of all vertices.
+    vertices: Vec<Vec3>,
+    normals: Vec<Vec3>,
+    arch: pulp::Arch,
 }
 
 #[derive(Clone, Debug, Default)]
 struct Part {
     nodes: Vec<Node>,
-    vertices: Vec<Vec3>,
-    normals: Vec<Vec3>,
-    names: Vec<u32>,
+    lanes: Vec<Lane>,
 }
 
 impl Boxes {
     /// Builds the trees.
     pub fn new(body: &Body) -> Self {
-        let mut places = vec![0; body.vertices.len()];
         let parts = body.surfaces.iter().map(|surface| {
-            let mut names = surface.clone();
-            let mut nodes = Vec::new();
-            let count = names.len();
-            if count > 0 {
-                split(body, &mut names, 0, &mut nodes);
+            let mut part = Part::default();
+            if !surface.is_empty() {
+                split(body, &mut surface.clone(), &mut part);
             }
-            for (place, &name) in names.iter().enumerate() {
-                places[name as usize] = place as u32;
-            }
-            let take = |from: &[Vec3]| names.iter().map(|&name| from[name as usize]).collect();
-            Part { nodes, vertices: take(&body.vertices), normals: take(&body.normals), names }
+            part
         });
-        Self { parts: parts.collect(), places }
+        Self { parts: parts.collect(), vertices: body.vertices.clone(), normals: body.normals.clone(), arch: pulp::Arch::new() }
     }
 }
 
-/// Makes the node of `names`, which begin at `first`, and all below it.
-fn split(body: &Body, names: &mut [u32], first: usize, nodes: &mut Vec<Node>) {
+/// Makes the node of `names` and all below it.
+fn split(body: &Body, names: &mut [u32], part: &mut Part) {
     let vertex = |name: &u32| body.vertices[*name as usize];
     let (mut least, mut most, mut axis) = (vertex(&names[0]), vertex(&names[0]), Vec3::zeros());
     for name in names.iter() {
@@ -132,15 +159,15 @@ fn split(body: &Body, names: &mut [u32], first: usize, nodes: &mut Vec<Node>) {
     let axis = axis.try_normalize(1e-9).unwrap_or_default();
     let cosine = names.iter().map(|name| body.normals[*name as usize].dot(&axis)).fold(1.0, f64::min);
     let cosine = if axis == Vec3::zeros() || cosine <= 0.0 { -1.0 } else { cosine };
-    let at = nodes.len();
-    nodes.push(Node {
+    let at = part.nodes.len();
+    part.nodes.push(Node {
         middle: (least + most) / 2.0,
         half: ((most - least) / 2.0).add_scalar(MARGIN_CM),
         axis,
         cosine,
         sine: (1.0 - cosine * cosine).max(0.0).sqrt(),
-        first: first as u32,
-        last: (first + names.len()) as u32,
+        first: part.lanes.len() as u32,
+        last: part.lanes.len() as u32,
         other: 0,
     });
     if names.len() > LEAF {
@@ -148,11 +175,13 @@ fn split(body: &Body, names: &mut [u32], first: usize, nodes: &mut Vec<Node>) {
         let half = names.len() / 2;
         names.select_nth_unstable_by(half, |a, b| vertex(a)[wide].total_cmp(&vertex(b)[wide]).then(a.cmp(b)));
         let (left, right) = names.split_at_mut(half);
-        split(body, left, first, nodes);
-        nodes[at].other = nodes.len() as u32;
-        split(body, right, first + half, nodes);
+        split(body, left, part);
+        part.nodes[at].other = part.nodes.len() as u32;
+        split(body, right, part);
     } else {
         names.sort_unstable();
+        part.lanes.extend(names.chunks(LANES).map(|names| Lane::new(body, names)));
+        part.nodes[at].last = part.lanes.len() as u32;
     }
 }
 
@@ -176,28 +205,44 @@ impl Node {
     }
 }
 
+/// A search in a part. A closure would not always be inlined into what is compiled for the machine's vector instructions.
+struct Search<'a> {
+    part: &'a Part,
+    query: &'a Query,
+    found: Option<Found>,
+}
+
 impl Nearest for Boxes {
     fn nearest(&self, part: usize, query: &Query, hint: Option<u32>) -> Option<Found> {
+        let found = hint.and_then(|vertex| {
+            let square = square(&self.vertices[vertex as usize], &query.point);
+            (square < query.within && query.accepts(&self.normals[vertex as usize])).then_some(Found { vertex, square })
+        });
         let part = &self.parts[part];
-        let sine = (1.0 - query.cosine * query.cosine).max(0.0).sqrt();
-        let mut found: Option<Found> = None;
-        let mut within = query.within;
-        if let Some(hint) = hint {
-            let place = self.places[hint as usize] as usize;
-            let square = (part.vertices[place] - query.point).norm_squared();
-            if square < within && query.accepts(&part.normals[place]) {
-                found = Some(Found { vertex: hint, square });
-                within = square;
-            }
+        let root = part.nodes.first()?;
+        if root.square(&query.point) > found.map_or(query.within, |found| found.square) {
+            return found;
         }
+        self.arch.dispatch(Search { part, query, found })
+    }
+}
+
+impl pulp::NullaryFnOnce for Search<'_> {
+    type Output = Option<Found>;
+
+    #[inline(always)]
+    fn call(self) -> Option<Found> {
+        let Self { part, query, mut found } = self;
+        let sine = (1.0 - query.cosine * query.cosine).max(0.0).sqrt();
+        // without a normal all are compatible
+        let least = if query.normal == Vec3::zeros() { f64::NEG_INFINITY } else { query.cosine };
+        let mut within = found.map_or(query.within, |found| found.square);
         let mut waiting = [(0_u32, 0.0_f64); 32];
         let mut count = 0;
-        let mut at = 0;
-        let Some(root) = part.nodes.first() else { return found };
-        let mut square = root.square(&query.point);
+        let (mut at, mut nearest) = (0, 0.0);
         loop {
             // what is as near as the best so far may hold a vertex that comes first
-            if square <= within {
+            if nearest <= within {
                 let node = &part.nodes[at];
                 if node.faces(query, sine) {
                     if node.other > 0 {
@@ -206,16 +251,11 @@ impl Nearest for Boxes {
                         let (near, far, a, b) = if b < a { (far, near, b, a) } else { (near, far, a, b) };
                         waiting[count] = (far as u32, b);
                         count += 1;
-                        (at, square) = (near, a);
+                        (at, nearest) = (near, a);
                         continue;
                     }
-                    for place in node.first as usize..node.last as usize {
-                        let square = (part.vertices[place] - query.point).norm_squared();
-                        let first = square < within || (square == within && found.is_some_and(|f| part.names[place] < f.vertex));
-                        if first && query.accepts(&part.normals[place]) {
-                            found = Some(Found { vertex: part.names[place], square });
-                            within = square;
-                        }
+                    for lane in &part.lanes[node.first as usize..node.last as usize] {
+                        look(lane, query, least, &mut within, &mut found);
                     }
                 }
             }
@@ -223,7 +263,30 @@ impl Nearest for Boxes {
                 return found;
             }
             count -= 1;
-            (at, square) = (waiting[count].0 as usize, waiting[count].1);
+            (at, nearest) = (waiting[count].0 as usize, waiting[count].1);
+        }
+    }
+}
+
+/// Takes the nearest compatible vertex of a lane, if it is nearer than the one that was found, or as near and before it.
+#[inline(always)]
+fn look(lane: &Lane, query: &Query, least: f64, within: &mut f64, found: &mut Option<Found>) {
+    let mut squares = [0.0; LANES];
+    let mut any = false;
+    for k in 0..LANES {
+        let off = [0, 1, 2].map(|axis| lane.vertices[axis][k] - query.point[axis]);
+        let normals = [0, 1, 2].map(|axis| lane.normals[axis][k] * query.normal[axis]);
+        let compatible = normals[0] + normals[1] + normals[2] + lane.bonus[k] > least;
+        let square = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
+        squares[k] = if compatible { square } else { f64::INFINITY };
+        any |= squares[k] <= *within;
+    }
+    if any {
+        for (&square, &vertex) in squares.iter().zip(&lane.names) {
+            if square < *within || (square == *within && found.is_some_and(|found| vertex < found.vertex)) {
+                *found = Some(Found { vertex, square });
+                *within = square;
+            }
         }
     }
 }

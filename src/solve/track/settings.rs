@@ -47,7 +47,7 @@ impl Settings {
         let planes = Self {
             method,
             sigma0_cm: 4.0,
-            sigma_end_cm: 0.8,
+            sigma_end_cm: 1.0,
             cosine: 0.6,
             outlier: 0.1,
             rounds: 12,
@@ -56,7 +56,7 @@ impl Settings {
             prediction: 0.9,
             pull: 1e-3,
             limit: 1.0,
-            spacing_cm: 1.0,
+            spacing_cm: 1.5,
             reach: 3.0,
         };
         match method {

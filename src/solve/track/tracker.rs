@@ -7,6 +7,7 @@ use super::nearest::{Boxes, Nearest};
 use super::record::{Round, Tracked, Way};
 use super::search::{Limb, cost, left_over, limbs, reach};
 use super::settings::{Method, Settings};
+use super::usual::Usual;
 use crate::solve::ik::terms::{At, Limits, Planes, Points, Pull};
 use crate::solve::ik::{Normal, Pose, Posed, Term};
 use std::sync::Arc;
@@ -15,12 +16,26 @@ use std::sync::Arc;
 const BESIDE_CM: f64 = 3.0;
 /// The weight of limits where the data say nothing.
 const LEAST_LIMIT: f64 = 1e3;
-/// The largest sigma that residuals may lead to, cm.
-const SHRINK: f64 = 0.7;
-const STILL_CM: f64 = 0.06;
-const COARSE_CM: f64 = 1.5;
-const COARSE_POINTS: usize = 700;
+/// The largest sigma that residuals may lead to with [`Method::Report`], cm.
 const LARGEST_SIGMA_CM: f64 = 8.0;
+/// Sigma falls at least to this share of itself from round to round, and to how far joints still move.
+const SHRINK: f64 = 0.7;
+/// A round that moves no joint farther than this is the last, cm.
+const STILL_CM: f64 = 0.06;
+/// While sigma is larger than this, about [`COARSE_POINTS`] points are enough, cm.
+const COARSE_CM: f64 = 1.5;
+/// How many.
+const COARSE_POINTS: usize = 700;
+/// Sigma at the beginning where a body that was lost is looked for, cm.
+const WIDE_CM: f64 = 14.0;
+/// Sigma at the beginning where a limb has been laid on points that nothing explains, cm.
+const REACH_CM: f64 = 3.0;
+/// How many ways to lay a limb are followed up.
+const TRIED: usize = 4;
+/// How often all missing limbs are gone through.
+const SEARCHES: usize = 2;
+/// Another explanation of a cloud is taken if its cost is below this share of the present one's.
+const CLEARLY: f64 = 0.93;
 
 /// Follows a body through a sequence of clouds. What was pushed comes out in the same order, sometimes later.
 pub struct Tracker<'a> {
@@ -34,66 +49,6 @@ pub struct Tracker<'a> {
     limbs: Vec<Limb>,
     usual: Usual,
     fit: Fit,
-}
-
-const WIDE_CM: f64 = 14.0;
-const REACH_CM: f64 = 3.0;
-const SUSPECT: f64 = 0.7;
-const TRIED: usize = 4;
-const CLEARLY: f64 = 0.93;
-
-/// What is usual for this body in these clouds.
-#[derive(Clone, Debug, Default)]
-struct Usual {
-    inliers: f64,
-    coverage: Vec<f64>,
-}
-
-impl Usual {
-    /// How much of a limb is covered, against what is usual.
-    fn lacks(&self, tracked: &Tracked, limb: &Limb) -> f64 {
-        let (mut sum, mut usual) = (0.0, 0.0);
-        for &joint in limb.joints.iter().filter(|&&joint| tracked.coverage[joint].is_finite()) {
-            sum += tracked.coverage[joint];
-            usual += self.coverage[joint];
-        }
-        sum / usual.max(0.05)
-    }
-
-    fn troubled(&self, tracked: &Tracked, limbs: &[Limb]) -> bool {
-        !self.coverage.is_empty() && (tracked.inliers < 0.8 * self.inliers || limbs.iter().any(|limb| self.lacks(tracked, limb) < SUSPECT))
-    }
-
-    fn lost(&self, tracked: &Tracked, limbs: &[Limb]) -> Vec<bool> {
-        let mut lost = vec![false; tracked.coverage.len()];
-        if !self.coverage.is_empty() {
-            for limb in limbs.iter().filter(|limb| self.lacks(tracked, limb) < 0.5) {
-                for &joint in &limb.joints {
-                    lost[joint] = true;
-                }
-            }
-        }
-        lost
-    }
-
-    /// Frames without trouble are what is usual.
-    fn learn(&mut self, tracked: &Tracked) {
-        if self.coverage.is_empty() {
-            self.inliers = tracked.inliers;
-            self.coverage.clone_from(&tracked.coverage);
-        } else {
-            // what is worse than usual counts little: it may be the beginning of a loss
-            let follow = |usual: &mut f64, now: f64| {
-                if now.is_finite() {
-                    *usual += (now - *usual) * if now > *usual { 0.1 } else { 0.02 }
-                }
-            };
-            follow(&mut self.inliers, tracked.inliers);
-            for (usual, now) in self.coverage.iter_mut().zip(&tracked.coverage) {
-                follow(usual, *now);
-            }
-        }
-    }
 }
 
 /// The memory of fits.
@@ -226,8 +181,8 @@ impl<'a> Tracker<'a> {
             let other = self.follow(start.clone(), &start, cloud, sigma_cm);
             self.take(&mut best, other, cloud);
         }
-        for _ in 0..2 {
-            let missing: Vec<Limb> = self.limbs.iter().filter(|limb| self.usual.lacks(&best.1, limb) < SUSPECT).cloned().collect();
+        for _ in 0..SEARCHES {
+            let missing: Vec<Limb> = self.limbs.iter().filter(|limb| self.usual.missing(&best.1, limb)).cloned().collect();
             let mut better = false;
             for limb in &missing {
                 let others = |part: usize| !missing.iter().any(|limb| limb.joints.contains(&part));

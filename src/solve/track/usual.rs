@@ -1,0 +1,80 @@
+//! What is usual for a body in a sequence of clouds, so that what is not can be noticed.
+//!
+//! Clouds differ in how much of a body they show: hulls cut off fingers, one camera sees one side. So coverage is held against what it was before.
+
+use super::record::Tracked;
+use super::search::Limb;
+
+/// A limb may be elsewhere if its coverage falls below this share of the usual.
+const SUSPECT: f64 = 0.7;
+/// It is lost if, after all that was tried, it stays below this share.
+const LOST: f64 = 0.5;
+/// Something is wrong if the share of points that belong to the body falls below this share of the usual.
+const FEWER: f64 = 0.8;
+/// A coverage below this tells nothing.
+const LITTLE: f64 = 0.05;
+/// How fast the usual follows what is better ...
+const UP: f64 = 0.1;
+/// ... and what is worse.
+const DOWN: f64 = 0.02;
+
+/// What is usual for this body in these clouds.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Usual {
+    inliers: f64,
+    coverage: Vec<f64>,
+}
+
+impl Usual {
+    /// How much of a limb is covered, against what is usual.
+    fn lacks(&self, tracked: &Tracked, limb: &Limb) -> f64 {
+        let (mut sum, mut usual) = (0.0, 0.0);
+        for &joint in limb.joints.iter().filter(|&&joint| tracked.coverage[joint].is_finite()) {
+            sum += tracked.coverage[joint];
+            usual += self.coverage[joint];
+        }
+        sum / usual.max(LITTLE)
+    }
+
+    /// True if a limb may be elsewhere.
+    pub fn missing(&self, tracked: &Tracked, limb: &Limb) -> bool {
+        self.lacks(tracked, limb) < SUSPECT
+    }
+
+    /// True if a frame looks as if something was lost.
+    pub fn troubled(&self, tracked: &Tracked, limbs: &[Limb]) -> bool {
+        !self.coverage.is_empty() && (tracked.inliers < FEWER * self.inliers || limbs.iter().any(|limb| self.missing(tracked, limb)))
+    }
+
+    /// For each joint, whether its limb is lost for good.
+    pub fn lost(&self, tracked: &Tracked, limbs: &[Limb]) -> Vec<bool> {
+        let mut lost = vec![false; tracked.coverage.len()];
+        if !self.coverage.is_empty() {
+            for limb in limbs.iter().filter(|limb| self.lacks(tracked, limb) < LOST) {
+                for &joint in &limb.joints {
+                    lost[joint] = true;
+                }
+            }
+        }
+        lost
+    }
+
+    /// Frames without trouble are what is usual.
+    pub fn learn(&mut self, tracked: &Tracked) {
+        if self.coverage.is_empty() {
+            self.inliers = tracked.inliers;
+            self.coverage.clone_from(&tracked.coverage);
+        } else {
+            // what is worse than usual counts little: it may be the beginning of a loss
+            let follow = |usual: &mut f64, now: f64| {
+                if now.is_finite() {
+                    *usual += (now - *usual) * if now > *usual { UP } else { DOWN }
+                }
+            };
+            follow(&mut self.inliers, tracked.inliers);
+            for (usual, now) in self.coverage.iter_mut().zip(&tracked.coverage) {
+                follow(usual, *now);
+            }
+        }
+    }
+}
