@@ -63,8 +63,8 @@ impl Pattern {
                     pieces.push(String::new());
                 }
                 _ => {
-                    let found: String = format!("%{width}{}", behind.chars().next().unwrap_or_default());
-                    return Err(format!("\"{found}\" is no number of a frame; {way_out}"));
+                    let next: String = behind.chars().take(1).collect();
+                    return Err(format!("\"%{width}{next}\" is no number of a frame; {way_out}"));
                 }
             }
         }

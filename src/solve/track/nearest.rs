@@ -270,6 +270,7 @@ impl pulp::NullaryFnOnce for Search<'_> {
 
 /// Takes the nearest compatible vertex of a lane, if it is nearer than the one that was found, or as near and before it.
 #[inline(always)]
+#[allow(clippy::needless_range_loop)] // all lists of a lane go in step
 fn look(lane: &Lane, query: &Query, least: f64, within: &mut f64, found: &mut Option<Found>) {
     let mut squares = [0.0; LANES];
     let mut any = false;
