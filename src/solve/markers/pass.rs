@@ -137,15 +137,18 @@ fn last(tree: &Tree, markers: &[Marker], seen: &Seen, poses: &[Pose]) -> Stepped
     left
 }
 
-/// Frames of one task. A constant, so that poses do not depend on the number of cores.
-const CHUNK: usize = 256;
+/// Frames of one task: it follows from the take, so that poses do not depend on the number of cores.
+fn chunk(frames: usize) -> usize {
+    (frames / 4).clamp(32, 256)
+}
 
 /// Every frame by itself, starting where the one before ended.
 fn pass(tree: &Tree, limits: Option<&Limits>, markers: &[Marker], seen: &Seen) -> Vec<Pose> {
     let frames: Vec<usize> = (0..seen.frames).collect();
+    let size = chunk(seen.frames);
     // All chunks at once, each from the reference pose ...
     let mut chunks: Vec<Vec<Pose>> = frames
-        .par_chunks(CHUNK)
+        .par_chunks(size)
         .map_init(
             || Frame::new(tree, limits, markers),
             |frame, chunk| {
@@ -163,8 +166,8 @@ fn pass(tree: &Tree, limits: Option<&Limits>, markers: &[Marker], seen: &Seen) -
     for chunk in 1..chunks.len() {
         let mut last = chunks[chunk - 1].last().cloned();
         for at in 0..chunks[chunk].len() {
-            let own = frame.energy(seen, chunk * CHUNK + at, &chunks[chunk][at]);
-            let (pose, energy) = frame.solve(seen, chunk * CHUNK + at, last.take());
+            let own = frame.energy(seen, chunk * size + at, &chunks[chunk][at]);
+            let (pose, energy) = frame.solve(seen, chunk * size + at, last.take());
             if own <= CLEARLY * energy || (own - energy).abs() <= SAME * energy {
                 break;
             }

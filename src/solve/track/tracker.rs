@@ -93,7 +93,9 @@ impl<'a> Tracker<'a> {
             Some(cloud) => self.frame(&Arc::new(cloud)),
             None => self.predicted(),
         };
-        self.before = Some(std::mem::replace(&mut self.last, tracked.pose.clone()));
+        let last = std::mem::replace(&mut self.last, tracked.pose.clone());
+        // a limb that was found elsewhere did not get there by a motion that goes on
+        self.before = (tracked.way != Way::Searched).then_some(last);
         vec![tracked]
     }
 
