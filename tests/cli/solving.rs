@@ -6,6 +6,7 @@ use formats::rig::{write_limits, write_mesh, write_parts, write_skeleton};
 use formats::{Direction, Marker, Origin, Take, TakeBuilder};
 use mocap_repair::demo::actor::{Actor, MarkerOptions, Motion};
 use mocap_repair::log::schema::{SolveRound, SolvedFrame, foxglove::PointCloud};
+use std::fmt::Write as _;
 use std::sync::OnceLock;
 
 const FRAMES: usize = 60;
@@ -180,7 +181,7 @@ fn filled_samples_count_the_less_the_less_sure_they_are() {
         for frame in 10..50 {
             let [x, y, z] = take.position_mm(frame, at).unwrap();
             bad.set(frame, at, [x + 80.0, y, z - 60.0], Origin::Measured);
-            fills += &format!("{frame},{},{},0,0,0,150,1,auto\n", frame + 101, take.display_label(at));
+            writeln!(fills, "{frame},{},{},0,0,0,150,1,auto", frame + 101, take.display_label(at)).unwrap();
         }
     }
     let lab = lab(&bad.build());
