@@ -25,7 +25,7 @@ fn wrong_command_lines_end_with_2() {
         (&["-o", "out.c3d"], "<IN>"),
         (
             &["walk-gaps.c3d", "-o", "out.c3d", "--method", "magic"],
-            "possible values: linear, spline, msvd, lds, bolero-hc, bolero-sc, auto",
+            "possible values: linear, spline, msvd, lds, bolero-hc, bolero-sc, skeleton, auto",
         ),
         (&["walk-gaps.c3d", "-o", "out.c3d", "--rate", "0"], "expected a number of frames per second, from 0.001 to 1000000"),
         (&["walk-gaps.c3d", "-o", "out.c3d", "--rate", "fast"], "expected a number of frames per second"),

@@ -164,7 +164,7 @@ fn errors_name_file_line_and_key() {
         ("init = \"randm\"\n", "line 1: init = \"randm\": expected one of: pca, random; did you mean random?"),
         (
             "method = \"bolero\"\n",
-            "line 1: method = \"bolero\": expected one of: linear, spline, msvd, lds, bolero-hc, bolero-sc, auto; did you mean",
+            "line 1: method = \"bolero\": expected one of: linear, spline, msvd, lds, bolero-hc, bolero-sc, skeleton, auto; did you mean",
         ),
         ("fills = [\"a\"]\n", "line 1: fills = [\"a\"]: expected text in quotes"),
         ("markers = [1]\n", "line 1: markers = [1]: expected an array of text in quotes"),
