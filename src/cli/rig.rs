@@ -13,7 +13,7 @@ use std::path::PathBuf;
 /// Which of them are needed is for the command to say: here the first three are.
 #[derive(Debug, Args)]
 pub(super) struct RigArgs {
-    /// The skeleton: joints, how they move, and where they are in the reference pose
+    /// The skeleton: joints, how they move, and where they are in the reference pose; a BVH file will do
     #[arg(long, value_name = "FILE.skl", required = true)]
     skl: Option<PathBuf>,
     /// The surface of the body in the reference pose

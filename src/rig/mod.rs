@@ -13,7 +13,7 @@ use crate::report::short;
 use crate::solve::ik::terms::Limits;
 use crate::solve::ik::{Pose, State, Tree, Vec3};
 use crate::solve::track::Body;
-use formats::rig::{AngleUnit, JointKind, Skeleton, read_limits, read_mesh, read_parts, read_skeleton};
+use formats::rig::{AngleUnit, JointKind, Skeleton, read_limits, read_mesh, read_parts, read_skeleton, skeleton_of_bvh};
 use formats::{Direction, FormatError, Note, Notes};
 use nalgebra::UnitQuaternion;
 use sha2::{Digest, Sha256};
@@ -123,11 +123,17 @@ pub fn read_rig(files: &RigFiles) -> Result<Rig, RepairError> {
         move |error: FormatError| RepairError::Format { path, error }
     };
     let notes = Notes::new();
-    let mut skeleton = read_skeleton(bytes(0), &notes).map_err(wrong(&files.skeleton))?;
+    let bvh = bytes(0).trim_ascii_start().get(..9).is_some_and(|word| word.eq_ignore_ascii_case(b"hierarchy"));
+    let skeleton = if bvh { skeleton_of_bvh(bytes(0), &notes) } else { read_skeleton(bytes(0), &notes) };
+    let mut skeleton = skeleton.map_err(wrong(&files.skeleton))?;
     let mesh = read_mesh(bytes(1)).map_err(wrong(&files.surface))?;
     if mesh.vertices.is_empty() {
         let problem = "has no vertices, so there is no surface to follow; name the surface of the body in its reference pose";
         return Err(RepairError::Io { path: files.surface.clone(), problem: problem.to_owned() });
+    }
+    if mesh.normals.is_empty() && mesh.faces.is_empty() {
+        let text = "the surface has neither faces nor normals, so nothing tells its inside from its outside";
+        notes.add(Note::Assumed { text: text.to_owned() });
     }
     let mut parts = read_parts(bytes(2), &skeleton, mesh.vertices.len()).map_err(wrong(&files.parts))?;
     let mut limits = match &files.limits {
@@ -151,6 +157,18 @@ pub fn read_rig(files: &RigFiles) -> Result<Rig, RepairError> {
         files: sources.iter().map(|(what, name, sha256, _)| (*what, name.clone(), sha256.clone())).collect(),
         skeleton,
     })
+}
+
+/// The axis along which a body stands: y or z, whichever side is longer. Arms may reach farther than a body is tall, so x is no candidate.
+fn upright(vertices: impl Iterator<Item = [f64; 3]>) -> usize {
+    let (mut least, mut most) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    for x in vertices {
+        for k in 0..3 {
+            least[k] = least[k].min(x[k]);
+            most[k] = most[k].max(x[k]);
+        }
+    }
+    if most[1] - least[1] >= most[2] - least[2] { 1 } else { 2 }
 }
 
 /// The unit in which the body has the size of a person.
@@ -211,11 +229,7 @@ impl Rig {
 
     /// Which way is up: bodies are taller than thick, and where arms are stretched out they are so to the left and the right.
     pub fn up(&self) -> Direction {
-        let side = |k: usize| {
-            let coordinates = || self.body.vertices.iter().map(move |x| x[k]);
-            coordinates().fold(f64::NEG_INFINITY, f64::max) - coordinates().fold(f64::INFINITY, f64::min)
-        };
-        Direction { axis: if side(1) >= side(2) { 1 } else { 2 }, positive: true }
+        Direction { axis: upright(self.body.vertices.iter().map(|x| [x.x, x.y, x.z])), positive: true }
     }
 
     /// For each joint where its part ends in the reference pose: at the vertex that is farthest from the joint, cm.

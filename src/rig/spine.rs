@@ -3,6 +3,7 @@
 //! Rigs of few parts have the trunk in one piece, from hips to shoulders. People bend and turn it, and then neither end is where a rigid trunk puts it:
 //! most of what is left of the errors of such a rig.
 
+use super::upright;
 use formats::rig::{Joint, JointKind, Limit, Skeleton};
 
 /// Where the new joint is: this far from the lower limbs to the upper ones.
@@ -21,7 +22,7 @@ pub(super) fn add_spine(
     let children = |joint: usize| (0..skeleton.joints.len()).filter(|&at| skeleton.joints[at].parent == Some(joint)).collect::<Vec<_>>();
     let trunk = (0..skeleton.joints.len()).rev().filter(|joint| parts.contains(joint)).max_by_key(|&joint| children(joint).len())?;
     let limbs = children(trunk);
-    let axis = longest(vertices)?;
+    let axis = upright(vertices.iter().copied());
     let height = |joint: usize| skeleton.joints[joint].centre[axis];
     let (least, most) = limbs.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), &limb| (a.min(height(limb)), b.max(height(limb))));
     let middle = f64::midpoint(least, most);
@@ -59,15 +60,6 @@ pub(super) fn add_spine(
         limits.insert(trunk + 1, Some(Limit::Ball { heading, heading_most: most, bank: across, bank_most: most }));
     }
     Some(name)
-}
-
-/// The axis along which the body is longest.
-fn longest(vertices: &[[f64; 3]]) -> Option<usize> {
-    let side = |k: usize| {
-        let (least, most) = vertices.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), x| (a.min(x[k]), b.max(x[k])));
-        most - least
-    };
-    (0..3).max_by(|&a, &b| side(a).total_cmp(&side(b))).filter(|_| !vertices.is_empty())
 }
 
 #[cfg(test)]

@@ -84,15 +84,4 @@ impl Tree {
         let link = &self.links[joint];
         link.first..link.first + link.motion.freedom()
     }
-
-    /// The joints that hang on `joint`, itself first, in ascending order.
-    pub fn below(&self, joint: usize) -> Vec<usize> {
-        let mut found = vec![joint];
-        for at in joint + 1..self.joints() {
-            if self.links[at].parent.is_some_and(|parent| found.contains(&parent)) {
-                found.push(at);
-            }
-        }
-        found
-    }
 }

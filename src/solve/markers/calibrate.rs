@@ -242,7 +242,8 @@ impl Model {
                         }
                     }
                     normal.gather(&model.tree, posed);
-                    let full = DMatrix::from_fn(n, n, |row, column| normal.entry(row, column) + if row == column { HOLD } else { 0.0 });
+                    let full =
+                        DMatrix::from_fn(n, n, |row, column| normal.entry(row, column) + if row == column { HOLD * weight } else { 0.0 });
                     let factor = full.cholesky()?;
                     let gradient = DVector::from_column_slice(normal.gradient());
                     let inner = factor.solve(&cross);

@@ -21,11 +21,16 @@ pub struct Seen {
 }
 
 impl Seen {
-    /// The markers of a frame.
+    /// The markers of a frame that were seen and count.
     pub fn frame(&self, frame: usize) -> impl Iterator<Item = (usize, &Vec3, f64)> {
         let range = frame * self.markers..(frame + 1) * self.markers;
         let weights = self.weights[range.clone()].iter();
-        self.places[range].iter().zip(weights).enumerate().filter(|(_, (x, _))| x.x.is_finite()).map(|(at, (x, w))| (at, x, *w))
+        self.places[range]
+            .iter()
+            .zip(weights)
+            .enumerate()
+            .filter(|(_, (x, w))| x.x.is_finite() && **w > 0.0)
+            .map(|(at, (x, w))| (at, x, *w))
     }
 }
 
@@ -87,7 +92,7 @@ pub struct Round {
 }
 
 /// How strongly a step is held back, for what markers do not say.
-const HOLD: f64 = 1.0;
+const HOLD: f64 = 25.0;
 /// The weight of limits.
 pub(super) const LIMIT: f64 = 1e3;
 
@@ -106,11 +111,11 @@ pub fn solve(tree: &Tree, limits: Option<&Limits>, markers: &[Marker], seen: &Se
     if settings.smooth > 0.0 {
         let mut task = Task { tree, limits: limits.as_ref(), markers, seen, trust: &vec![1.0; seen.markers] };
         let mut steps;
-        (poses, steps) = smooth(&task, &poses, SETTLING * settings.smooth, 2);
+        (poses, steps) = smooth(&task, &poses, SETTLING * settings.smooth, 6);
         found.extend(steps.drain(..).map(|step| (Stage::Settling, step)));
         let trust = trust(tree, markers, seen, &poses);
         task.trust = &trust;
-        (poses, steps) = smooth(&task, &poses, TRUSTING * settings.smooth, 1);
+        (poses, steps) = smooth(&task, &poses, TRUSTING * settings.smooth, 4);
         found.extend(steps.drain(..).map(|step| (Stage::Trusting, step)));
     }
     let last = last(tree, markers, seen, &poses);
@@ -232,7 +237,7 @@ impl<'a> Frame<'a> {
 /// How strongly accelerations are held at first: what markers do not hold is carried to where its neighbours in time are.
 const SETTLING: f64 = 30.0;
 /// The same once it is known which markers can be trusted.
-const TRUSTING: f64 = 0.1;
+const TRUSTING: f64 = 0.25;
 /// The variance that every marker has, against the mean of all.
 const COMMON: f64 = 0.5;
 

@@ -6,7 +6,7 @@
 use super::Seen;
 use super::band::Band;
 use crate::solve::ik::terms::{At, Limits, Marker};
-use crate::solve::ik::{Normal, Pose, Posed, Term, Tree};
+use crate::solve::ik::{Motion, Normal, Pose, Posed, Term, Tree};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -14,8 +14,10 @@ use std::ops::Range;
 const INNER: usize = 384;
 /// Frames on either side that are solved with them.
 const MARGIN: usize = 48;
-/// A step that changes nothing by more than this is the last, radians or centimetres.
-const SMALL: f64 = 0.3;
+/// A step that turns nothing by more than this is the last, radians.
+const SMALL: f64 = 0.35;
+/// Frames on either side that tell how fast a joint is for a while.
+const AROUND: usize = 3;
 /// Accelerations below this are noise, radians or centimetres per frame².
 const LEAST: f64 = 1e-3;
 /// Keeps what nobody sees and nothing holds where it is.
@@ -40,7 +42,7 @@ pub(super) struct Stepped {
     /// The sum of squared distances, cm².
     pub squares: f64,
     pub samples: usize,
-    /// The largest change of any degree of freedom.
+    /// The largest change of any angle, radians.
     pub largest: f64,
 }
 
@@ -70,7 +72,13 @@ pub(super) fn smooth(task: &Task<'_>, poses: &[Pose], strength: f64, most: usize
     let windows: Vec<(Vec<Pose>, Vec<Stepped>)> = (0..frames.div_ceil(INNER))
         .into_par_iter()
         .map_init(
-            || Memory { normal: Normal::new(task.tree), posed: Posed::new(task.tree), band: Band::default(), speeds: Vec::new() },
+            || Memory {
+                normal: Normal::new(task.tree),
+                posed: Posed::new(task.tree),
+                band: Band::default(),
+                speeds: Vec::new(),
+                squares: Vec::new(),
+            },
             |memory, window| {
                 let (first, last) = (window * INNER, ((window + 1) * INNER).min(frames));
                 let (from, to) = (first.saturating_sub(MARGIN), (last + MARGIN).min(frames));
@@ -105,6 +113,7 @@ struct Memory {
     posed: Posed,
     band: Band,
     speeds: Vec<f64>,
+    squares: Vec<f64>,
 }
 
 /// A step of the frames from `first` on; what it finds is told of those in `inner`. `None` if there is no step.
@@ -118,7 +127,7 @@ fn step(
     memory: &mut Memory,
 ) -> Option<Stepped> {
     let mut found = Stepped::default();
-    let Memory { normal, posed, band, speeds } = memory;
+    let Memory { normal, posed, band, speeds, squares } = memory;
     let tree = task.tree;
     let (n, frames) = (tree.freedom(), poses.len());
     band.clear(n, frames);
@@ -145,10 +154,15 @@ fn step(
         }
     }
     find_speeds(tree, poses, speeds);
+    let joints = tree.joints();
+    squares.clear();
+    for frame in 1..frames.max(1) - 1 {
+        squares.extend((0..joints).map(|joint| square(tree, speeds, frame, joint)));
+    }
     for frame in 1..frames.max(1) - 1 {
         for (joint, usual) in usual.iter().enumerate() {
-            // a heavy tail: what is much faster than usual is no noise
-            let weight = strength / (usual * usual + square(tree, speeds, frame, joint));
+            // a heavy tail: where a joint is much faster than usual for a while, that is no noise
+            let weight = strength / (usual * usual + around(squares, joints, frame - 1, joint));
             for dof in tree.own(joint) {
                 let acceleration = speeds[frame * n + dof] - speeds[(frame - 1) * n + dof];
                 for (at, factor) in [(frame - 1, 1.0), (frame, -2.0), (frame + 1, 1.0)] {
@@ -167,7 +181,11 @@ fn step(
     for (pose, step) in poses.iter_mut().zip(band.right.chunks_exact(n)) {
         pose.update(tree, step, 1.0);
     }
-    found.largest = band.right.iter().fold(0.0, |largest, step| largest.max(step.abs()));
+    let turns = |step: &[f64]| {
+        let turning = step.iter().zip(&tree.owners).filter(|(_, owner)| tree.links[**owner].motion != Motion::Translate);
+        turning.fold(0.0, |largest, (step, _)| f64::max(largest, step.abs()))
+    };
+    found.largest = band.right.chunks_exact(n).map(turns).fold(0.0, f64::max);
     Some(found)
 }
 
@@ -187,6 +205,19 @@ fn square(tree: &Tree, speeds: &[f64], frame: usize, joint: usize) -> f64 {
     let own = tree.own(joint);
     let count = own.len() as f64;
     own.map(|dof| (speeds[frame * n + dof] - speeds[(frame - 1) * n + dof]).powi(2)).sum::<f64>() / count
+}
+
+/// The median of a joint's squares around a frame: one frame that is off shows in the accelerations of three.
+fn around(squares: &[f64], joints: usize, at: usize, joint: usize) -> f64 {
+    let frames = squares.len() / joints;
+    let mut sorted = [0.0; 2 * AROUND + 1];
+    let (first, last) = (at.saturating_sub(AROUND), (at + AROUND + 1).min(frames));
+    let sorted = &mut sorted[..last - first];
+    for (to, frame) in sorted.iter_mut().zip(first..last) {
+        *to = squares[frame * joints + joint];
+    }
+    let middle = sorted.len() / 2;
+    *sorted.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 /// For each joint, the median of its accelerations.

@@ -55,12 +55,6 @@ impl Body {
         self.vertices.iter().zip(&self.parts).map(|(x, &part)| parts[part].point(x))
     }
 
-    /// The axis along which the body is longest: upright bodies' up.
-    pub fn up(&self) -> Vec3 {
-        let size = self.size();
-        Vec3::ith(size.imax(), 1.0)
-    }
-
     /// From the lowest to the highest vertex along the longest side, cm.
     pub fn size_cm(&self) -> f64 {
         self.size().max()

@@ -29,7 +29,7 @@ pub enum Way {
     Tracked,
     /// From its cloud, after limbs that were lost had been searched.
     Searched,
-    /// There was no cloud: the pose is where motion led.
+    /// There was no cloud: the pose is on the way between those that have one, or where the last one was.
     Predicted,
 }
 

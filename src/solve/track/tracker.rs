@@ -46,6 +46,10 @@ pub struct Tracker<'a> {
     /// The pose of the last frame, and that of the frame before.
     last: Pose,
     before: Option<Pose>,
+    /// Frames without a cloud since then.
+    dark: usize,
+    /// What was lost in the last frame.
+    lost: Vec<bool>,
     limbs: Vec<Limb>,
     usual: Usual,
     fit: Fit,
@@ -81,27 +85,45 @@ impl<'a> Tracker<'a> {
             settings,
             last: start,
             before: None,
+            dark: 0,
+            lost: vec![false; tree.joints()],
             limbs: limbs(body),
             usual: Usual::default(),
             fit,
         }
     }
 
-    /// The next frame; `None` if there is no cloud of it. Returns the frames that are done.
+    /// The next frame; `None` if there is no cloud of it. Returns the frames that are done: those without a cloud wait for the next one that has one,
+    /// because what they are led to says more about them than what they come from.
     pub fn push(&mut self, cloud: Option<Cloud>) -> Vec<Tracked> {
-        let tracked = match cloud.filter(|cloud| !cloud.points.is_empty()) {
-            Some(cloud) => self.frame(&Arc::new(cloud)),
-            None => self.predicted(),
+        let Some(cloud) = cloud.filter(|cloud| !cloud.points.is_empty()) else {
+            self.dark += 1;
+            return Vec::new();
         };
+        let dark = std::mem::take(&mut self.dark);
+        if dark > 0 {
+            // nobody knows how the motion went on
+            self.before = None;
+        }
+        let sigma_cm = (self.settings.sigma0_cm * (dark + 1) as f64).min(WIDE_CM.max(self.settings.sigma0_cm));
+        let tracked = self.frame(&Arc::new(cloud), sigma_cm);
+        let mut motion = vec![0.0; self.body.tree.freedom()];
+        tracked.pose.since(&self.body.tree, &self.last, &mut motion);
+        let mut done: Vec<Tracked> =
+            (1..=dark).map(|frame| self.between(&motion, frame as f64 / (dark + 1) as f64, &tracked.lost)).collect();
         let last = std::mem::replace(&mut self.last, tracked.pose.clone());
         // a limb that was found elsewhere did not get there by a motion that goes on
-        self.before = (tracked.way != Way::Searched).then_some(last);
-        vec![tracked]
+        self.before = (tracked.way != Way::Searched && dark == 0).then_some(last);
+        self.lost.clone_from(&tracked.lost);
+        done.push(tracked);
+        done
     }
 
-    /// The frames that are still kept back.
+    /// The frames that are still kept back: those without a cloud at the end stay where the body was last.
     pub fn finish(&mut self) -> Vec<Tracked> {
-        Vec::new()
+        let still = vec![0.0; self.body.tree.freedom()];
+        let lost = self.lost.clone();
+        (0..std::mem::take(&mut self.dark)).map(|_| self.between(&still, 0.0, &lost)).collect()
     }
 
     /// Where motion leads.
@@ -116,9 +138,10 @@ impl<'a> Tracker<'a> {
         pose
     }
 
-    /// A frame without a cloud.
-    fn predicted(&mut self) -> Tracked {
-        let pose = self.expected();
+    /// A frame without a cloud: a share of the motion from the last frame to the next one.
+    fn between(&mut self, motion: &[f64], share: f64, lost: &[bool]) -> Tracked {
+        let mut pose = self.last.clone();
+        pose.update(&self.body.tree, motion, share);
         self.fit.posed.set(&self.body.tree, &pose);
         let joints = self.body.tree.joints();
         Tracked {
@@ -130,22 +153,20 @@ impl<'a> Tracker<'a> {
             inliers: 0.0,
             coverage: vec![0.0; joints],
             residual_cm: vec![f64::NAN; joints],
-            lost: vec![false; joints],
+            lost: lost.to_vec(),
             cloud: None,
         }
     }
 
-    fn frame(&mut self, cloud: &Arc<Cloud>) -> Tracked {
+    fn frame(&mut self, cloud: &Arc<Cloud>, sigma0_cm: f64) -> Tracked {
         let expected = self.expected();
         let pose = expected.clone();
-        let mut tracked = self.follow(pose, &expected, cloud, self.settings.sigma0_cm);
-        if self.settings.method == Method::Planes {
-            if self.usual.troubled(&tracked, &self.limbs) {
-                tracked = self.search(tracked, &expected, cloud);
-            }
-            tracked.lost = self.usual.lost(&tracked, &self.limbs);
-            self.usual.learn(&tracked);
+        let mut tracked = self.follow(pose, &expected, cloud, sigma0_cm);
+        if self.settings.method == Method::Planes && self.usual.troubled(&tracked, &self.limbs) {
+            tracked = self.search(tracked, &expected, cloud);
         }
+        tracked.lost = self.usual.lost(&tracked, &self.limbs);
+        self.usual.learn(&tracked);
         tracked
     }
 

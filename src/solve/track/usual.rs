@@ -11,6 +11,8 @@ const SUSPECT: f64 = 0.7;
 const LOST: f64 = 0.5;
 /// Something is wrong if the share of points that belong to the body falls below this share of the usual.
 const FEWER: f64 = 0.8;
+/// With less than this share of points or of the surface, a body is nowhere near.
+const HARDLY_ANY: f64 = 0.1;
 /// A coverage below this tells nothing.
 const LITTLE: f64 = 0.05;
 /// How fast the usual follows what is better ...
@@ -28,6 +30,9 @@ pub(super) struct Usual {
 impl Usual {
     /// How much of a limb is covered, against what is usual.
     fn lacks(&self, tracked: &Tracked, limb: &Limb) -> f64 {
+        if self.coverage.is_empty() {
+            return 1.0;
+        }
         let (mut sum, mut usual) = (0.0, 0.0);
         for &joint in limb.joints.iter().filter(|&&joint| tracked.coverage[joint].is_finite()) {
             sum += tracked.coverage[joint];
@@ -43,24 +48,26 @@ impl Usual {
 
     /// True if a frame looks as if something was lost.
     pub fn troubled(&self, tracked: &Tracked, limbs: &[Limb]) -> bool {
-        !self.coverage.is_empty() && (tracked.inliers < FEWER * self.inliers || limbs.iter().any(|limb| self.missing(tracked, limb)))
+        nowhere(tracked) || tracked.inliers < FEWER * self.inliers || limbs.iter().any(|limb| self.missing(tracked, limb))
     }
 
     /// For each joint, whether its limb is lost for good.
     pub fn lost(&self, tracked: &Tracked, limbs: &[Limb]) -> Vec<bool> {
-        let mut lost = vec![false; tracked.coverage.len()];
-        if !self.coverage.is_empty() {
-            for limb in limbs.iter().filter(|limb| self.lacks(tracked, limb) < LOST) {
-                for &joint in &limb.joints {
-                    lost[joint] = true;
-                }
+        let all = nowhere(tracked) || tracked.inliers < LOST * self.inliers;
+        let mut lost = vec![all; tracked.coverage.len()];
+        for limb in limbs.iter().filter(|limb| self.lacks(tracked, limb) < LOST) {
+            for &joint in &limb.joints {
+                lost[joint] = true;
             }
         }
         lost
     }
 
-    /// Frames without trouble are what is usual.
+    /// What is not lost is what is usual.
     pub fn learn(&mut self, tracked: &Tracked) {
+        if nowhere(tracked) {
+            return;
+        }
         if self.coverage.is_empty() {
             self.inliers = tracked.inliers;
             self.coverage.clone_from(&tracked.coverage);
@@ -72,9 +79,18 @@ impl Usual {
                 }
             };
             follow(&mut self.inliers, tracked.inliers);
-            for (usual, now) in self.coverage.iter_mut().zip(&tracked.coverage) {
-                follow(usual, *now);
+            for ((usual, now), lost) in self.coverage.iter_mut().zip(&tracked.coverage).zip(&tracked.lost) {
+                if !lost {
+                    follow(usual, *now);
+                }
             }
         }
     }
+}
+
+/// True if the body is not where the points are, whatever is usual.
+fn nowhere(tracked: &Tracked) -> bool {
+    let covered = tracked.coverage.iter().copied().filter(|coverage| coverage.is_finite());
+    let (sum, count) = covered.fold((0.0, 0.0), |(sum, count), coverage| (sum + coverage, count + 1.0));
+    tracked.inliers < HARDLY_ANY || sum < HARDLY_ANY * count
 }
