@@ -105,17 +105,19 @@ fn only_kept_in_place(note: &Note) -> Option<String> {
     }
 }
 
-/// Gives names to files that are whole under hidden ones: a table and a log first, the output last. What comes out is why the log got none.
+/// Gives names to files that are whole under hidden ones: tables and the like first, then a log, the output last. What comes out is why the log got none.
 ///
 /// # Errors
-/// Table or output cannot be named so; then nothing has been.
+/// One of them but the log cannot be named so; then nothing has been.
 pub fn put_in_place(
-    (table, table_path): (NamedTempFile, &Path),
+    beside: Vec<(NamedTempFile, &Path)>,
     log: Option<(&Path, Whole)>,
     (file, path): (NamedTempFile, &Path),
 ) -> Result<Option<LogError>, RepairError> {
     let mut placed = staging::Placed::default();
-    placed.keep(table_path).and_then(|()| staging::publish(table, table_path)).map_err(|e| unwritable(table_path, &e))?;
+    for (file, path) in beside {
+        placed.keep(path).and_then(|()| staging::publish(file, path)).map_err(|e| unwritable(path, &e))?;
+    }
     let mut failed = None;
     if let Some((path, log)) = log {
         placed.keep(path).map_err(|e| unwritable(path, &e))?;

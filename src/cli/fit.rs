@@ -61,6 +61,9 @@ pub(super) struct SolveArgs {
     /// Show at most so many frames per second in the log's markers, body and skeleton
     #[arg(long, value_name = "HZ", value_parser = positive, conflicts_with = "no_log")]
     log_rate: Option<f64>,
+    /// Write a report to look at: one HTML file with player and curves, for any browser
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
     /// Replace files that exist
     #[arg(long)]
     force: bool,
@@ -87,6 +90,7 @@ impl SolveArgs {
             table: self.csv.clone().unwrap_or_else(|| named("frames.csv")),
             log: (!self.no_log).then(|| self.log.clone().unwrap_or_else(|| named("mcap"))),
             log_rate_hz: self.log_rate,
+            page: self.report.clone(),
             force: self.force,
         }
     }

@@ -11,6 +11,7 @@ use crate::fills;
 use crate::input::{Opened, Reading, expand, open, read};
 use crate::log::{FitAbout, write_fit_log};
 use crate::output::{Names, check_motion_name, put_in_place, unwritable};
+use crate::page::Page;
 use crate::rig::bvh::Poses;
 use crate::rig::map::Worn;
 use crate::rig::wearer::WearerFiles;
@@ -52,6 +53,8 @@ pub struct Request {
     pub log: Option<PathBuf>,
     /// The most frames per second that the log draws in space; all if absent.
     pub log_rate_hz: Option<f64>,
+    /// The report to look at, if any.
+    pub page: Option<PathBuf>,
     /// Replace files that exist.
     pub force: bool,
 }
@@ -113,21 +116,33 @@ fn write_out(request: &Request, rig: &Rig, opened: &Opened, fitted: &Fitted<'_>,
         Ok(file)
     });
     let table = table.map_err(|e| unwritable(&request.table, &e))?;
+    let mut beside = vec![(table, request.table.as_path())];
     let mut whole = None;
     if let Some(path) = &request.log {
-        let told =
-            Report { output: Some(request.output.clone()), table: Some(request.table.clone()), log: Some(path.clone()), ..report.clone() };
+        let told = Report {
+            output: Some(request.output.clone()),
+            table: Some(request.table.clone()),
+            log: Some(path.clone()),
+            page: request.page.clone(),
+            ..report.clone()
+        };
         match write_fit_log(path, rig, &request.about(opened), fitted, &told) {
             Ok(log) => whole = Some((path.as_path(), log)),
             Err(error) => report.log_error = Some(format!("{}: {error}", path.display())),
         }
     }
+    if let Some(path) = &request.page {
+        let page = Page::of_fit(rig, &report, fitted, request.about(opened));
+        let staged = page.stage(path).and_then(|file| file.as_file().sync_all().map(|()| file));
+        beside.push((staged.map_err(|e| unwritable(path, &e))?, path));
+    }
     let log = whole.as_ref().map(|(path, _)| path.to_path_buf());
-    match put_in_place((table, &request.table), whole, (motion, &request.output))? {
+    match put_in_place(beside, whole, (motion, &request.output))? {
         Some(error) => report.log_error = log.map(|path| format!("{}: {error}", path.display())),
         None => report.log = log,
     }
     report.table = Some(request.table.clone());
+    report.page.clone_from(&request.page);
     report.output = Some(request.output.clone());
     Ok(report)
 }
@@ -140,7 +155,7 @@ impl Request {
             input: &self.input,
             output: &self.output,
             reads: self.wearer.all().chain(self.fills.as_deref()).chain(self.reading.tables()).collect(),
-            beside: [Some(self.table.as_path()), self.log.as_deref()].into_iter().flatten().collect(),
+            beside: [Some(self.table.as_path()), self.log.as_deref(), self.page.as_deref()].into_iter().flatten().collect(),
             in_place: false,
             force: self.force,
         }

@@ -80,6 +80,8 @@ pub struct Report {
     pub log: Option<PathBuf>,
     /// Why the log is not there although it was wanted.
     pub log_error: Option<String>,
+    /// The report to look at.
+    pub page: Option<PathBuf>,
     /// Frames per second.
     pub rate_hz: f64,
     /// Number of frames.
@@ -128,6 +130,7 @@ impl Report {
             table: None,
             log: None,
             log_error: None,
+            page: None,
             rate_hz: take.rate_hz,
             frames: take.frames(),
             unit: rig.unit.symbol(),
@@ -203,7 +206,8 @@ impl Report {
         counted().filter(|m| m.rms_cm > STRANGE_CM.max(STRANGE_TIMES * middle)).collect()
     }
 
-    fn used(&self) -> usize {
+    /// Number of markers on which the pose depends.
+    pub fn used(&self) -> usize {
         self.markers.iter().filter(|m| m.counts && m.frames > 0).count()
     }
 
@@ -293,7 +297,7 @@ impl Report {
         if let Some(error) = &self.log_error {
             line("no log", error.clone());
         }
-        for (head, path) in [("log", &self.log), ("frames", &self.table)] {
+        for (head, path) in [("log", &self.log), ("frames", &self.table), ("report", &self.page)] {
             out.extend(path.iter().map(|path| style.name(head, &path.display().to_string())));
         }
         out
@@ -335,6 +339,7 @@ impl Report {
             table: path(&self.table),
             log: path(&self.log),
             log_error: self.log_error.as_deref(),
+            report: path(&self.page),
             rate_hz: self.rate_hz,
             frames: self.frames,
             unit: self.unit,
@@ -391,6 +396,7 @@ enum Message<'a> {
         table: Option<String>,
         log: Option<String>,
         log_error: Option<&'a str>,
+        report: Option<String>,
         rate_hz: f64,
         frames: usize,
         unit: &'a str,

@@ -39,6 +39,7 @@ const SCRIPTS: [&str; 3] = [
         include_str!("web/tracks.js"),
         include_str!("web/bones.js"),
         include_str!("web/em.js"),
+        include_str!("web/followed.js"),
         include_str!("web/origin.js"),
         include_str!("web/main.js"),
         "})();\n"
@@ -85,6 +86,7 @@ pub(super) fn write(page: &Page) -> String {
         libraries: &'static [Library],
         position_step_mm: f64,
         sigma_step_mm: f64,
+        cloud_step_mm: f64,
     }
     let packed = page.positions.pack();
     let model = Model {
@@ -93,6 +95,7 @@ pub(super) fn write(page: &Page) -> String {
         libraries: &LIBRARIES,
         position_step_mm: super::positions::STEP_MM,
         sigma_step_mm: super::positions::SIGMA_STEP_MM,
+        cloud_step_mm: super::of_body::CLOUD_STEP_MM,
     };
     // plain structs of numbers and strings always serialise
     let model = pack(serde_json::to_string(&model).unwrap_or_default().as_bytes());

@@ -1,19 +1,26 @@
 //! The report to look at: one HTML file that needs nothing but a browser.
 //!
 //! [`Page`] is everything that it shows. It is made of a repair in memory ([`Page::of_repair`]) or of a log ([`Page::of_log`]);
-//! both go through the numbers and words that the log holds, and give the same page. [`Page::write`] makes the file.
+//! both go through the numbers and words that the log holds, and give the same page. A body that was followed has one as well
+//! ([`Page::of_track`], [`Page::of_fit`]).
+//! [`Page::write`] makes the file.
 //! What happens in the browser is in `src/page/web/`, with the libraries in `src/page/vendor/`; `docs/report.md` is for readers.
 
 mod curves;
 mod html;
+mod of_body;
+mod of_fit;
 mod of_log;
 mod of_repair;
+mod of_track;
 mod pack;
 mod positions;
 mod told;
 
 pub use curves::{Curve, Curves, Iteration};
+pub use of_body::{Event, Followed, Series, Tile};
 pub use of_log::report_of_log;
+pub use of_track::TrackFigure;
 pub use positions::{Positions, State, Track};
 pub use told::{Bones, Note, Part, Share, Stage, Summary};
 
@@ -100,6 +107,9 @@ pub struct Page {
     pub curves: Vec<Curve>,
     /// Labels of the bones of [`curves`](Self::curves).
     pub curve_bones: Vec<String>,
+    /// What there is to tell of a body that was followed, instead of gaps and of a solver.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub followed: Option<Followed>,
     /// The samples.
     #[serde(skip)]
     pub positions: Positions,

@@ -41,6 +41,8 @@ pub struct Positions {
     pub tracks: Vec<Track>,
     /// What the file held where that is not what is shown: (marker, index into [`frames`](Self::frames), position), by marker and frame.
     pub raw: Vec<(u32, u32, [i32; 3])>,
+    /// Points of what was measured in each of [`frames`](Self::frames), in [`CLOUD_STEP_MM`](super::of_body::CLOUD_STEP_MM), if it was no markers.
+    pub cloud: Vec<Vec<[i32; 3]>>,
 }
 
 /// A position in metres, as the log has it, in [`STEP_MM`].
@@ -78,6 +80,7 @@ impl Positions {
     /// - `sigma`: for every filled sample, 0 if unknown, else one more than it; each as difference to the one before
     /// - `raw`: markers, indices and coordinates, each as difference to the entry before
     /// - `frames`: the differences between the frames of which positions are known
+    /// - `cloud`, if there is one: for each frame the number of points, and their coordinates, each as difference to the point before
     pub fn pack(&self) -> Packed {
         let mut packer = Packer::default();
         let mut stream = Vec::new();
@@ -127,6 +130,18 @@ impl Positions {
             last = i64::from(frame);
         }
         packer.add("frames", &stream);
+        if !self.cloud.is_empty() {
+            stream.clear();
+            let mut last = [0; 3];
+            for points in &self.cloud {
+                stream.push(points.len() as i64);
+                for point in points {
+                    stream.extend(point.iter().zip(last).map(|(now, before)| i64::from(*now) - i64::from(before)));
+                    last = *point;
+                }
+            }
+            packer.add("cloud", &stream);
+        }
         packer.finish()
     }
 }
@@ -149,7 +164,7 @@ mod tests {
     #[test]
     fn a_steady_motion_costs_nothing() {
         let track = Track { states: vec![State::Observed; 1000], sigma: vec![], at: (0..1000).map(|k| [7 * k, -3 * k, 5]).collect() };
-        let positions = Positions { frames: (0..1000).collect(), tracks: vec![track], raw: Vec::new() };
+        let positions = Positions { frames: (0..1000).collect(), tracks: vec![track], ..Positions::default() };
         let packed = positions.pack();
         assert!(packed.base64.len() < 120, "{} bytes", packed.base64.len());
     }

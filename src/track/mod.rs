@@ -10,6 +10,7 @@ mod sequence;
 use crate::error::Left;
 use crate::log::{Attachment, Ended, LogError, TrackAbout, TrackLog};
 use crate::output::{Names, check_motion_name, put_in_place, unwritable};
+use crate::page::{Page, TrackFigure};
 use crate::repair::RepairError;
 use crate::rig::bvh::Poses;
 use crate::rig::{Rig, RigFiles, read_rig};
@@ -59,6 +60,8 @@ pub struct Request {
     pub log: Option<PathBuf>,
     /// The most frames per second that the log draws in space; all if absent.
     pub log_rate_hz: Option<f64>,
+    /// The report to look at, if any.
+    pub page: Option<PathBuf>,
     /// Replace files that exist.
     pub force: bool,
 }
@@ -68,6 +71,8 @@ pub struct Request {
 struct Followed {
     poses: Poses,
     frames: Vec<Seen>,
+    /// What the report to look at draws, if it is wanted.
+    figure: Option<TrackFigure>,
     /// Where the log takes frames from.
     to_log: Option<SyncSender<(Seen, Tracked)>>,
 }
@@ -84,11 +89,11 @@ pub fn track(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBool
     let rig = read_rig(&request.rig)?;
     let mut report = Report::new(request, &rig);
     let log = start_log(request, &rig, &sequence, &mut report);
-    let (followed, log) = follow(request, &rig, &sequence, log, watch, interrupt)?;
+    let (mut followed, log) = follow(request, &rig, &sequence, log, watch, interrupt)?;
     report.took = began.elapsed();
     report.judge(&followed.frames, &rig);
     watch.phase("writing and checking the motion");
-    write_out(request, &rig, &followed, log, report)
+    write_out(request, &rig, &mut followed, log, report)
 }
 
 /// Begins the log. That it cannot be written does not keep the body from being followed: it is reported.
@@ -113,7 +118,8 @@ fn follow<'a>(
     interrupt: &AtomicBool,
 ) -> Result<(Followed, Option<TrackLog<'a>>), RepairError> {
     let followed = std::thread::scope(|scope| {
-        let mut followed = Followed::default();
+        let figure = request.page.as_ref().map(|_| TrackFigure::new(rig, sequence.frames()));
+        let mut followed = Followed { figure, ..Followed::default() };
         if let Some(log) = &mut log {
             let (to_log, done) = sync_channel::<(Seen, Tracked)>(BEHIND);
             followed.to_log = Some(to_log);
@@ -169,6 +175,9 @@ impl Followed {
             let Some((number, given)) = pushed.pop_front() else { continue };
             self.poses.push(rig, &tracked.pose, &tracked.centres);
             let seen = Seen::new(number, given, &tracked);
+            if let Some(figure) = &mut self.figure {
+                figure.push(&tracked);
+            }
             if let Some(to_log) = &self.to_log {
                 // the log's thread takes frames until there are no more
                 let _ = to_log.send((seen.clone(), tracked));
@@ -182,16 +191,22 @@ impl Followed {
 fn write_out(
     request: &Request,
     rig: &Rig,
-    followed: &Followed,
+    followed: &mut Followed,
     log: Option<TrackLog<'_>>,
     mut report: Report,
 ) -> Result<Report, RepairError> {
     let motion = followed.poses.stage(rig, request.rate_hz, request.order, &request.output)?;
     let table = stage_table(&request.table, &followed.frames, rig)?;
+    let mut beside = vec![(table, request.table.as_path())];
     let mut whole = None;
     if let (Some(log), Some(path)) = (log, &request.log) {
-        let told =
-            Report { output: Some(request.output.clone()), table: Some(request.table.clone()), log: Some(path.clone()), ..report.clone() };
+        let told = Report {
+            output: Some(request.output.clone()),
+            table: Some(request.table.clone()),
+            log: Some(path.clone()),
+            page: request.page.clone(),
+            ..report.clone()
+        };
         let attachment = Attachment {
             name: "report.jsonl".to_owned(),
             media_type: "application/jsonl".to_owned(),
@@ -203,12 +218,18 @@ fn write_out(
         }
     }
 
+    if let (Some(path), Some(figure)) = (&request.page, followed.figure.take()) {
+        let page = Page::of_track(figure, rig, &report, &followed.frames, &request.source_name(), request.options());
+        let staged = page.stage(path).and_then(|file| file.as_file().sync_all().map(|()| file));
+        beside.push((staged.map_err(|e| unwritable(path, &e))?, path));
+    }
     let log_path = whole.as_ref().map(|(path, _)| (*path).clone());
-    match put_in_place((table, &request.table), whole.map(|(path, log)| (path.as_path(), log)), (motion, &request.output))? {
+    match put_in_place(beside, whole.map(|(path, log)| (path.as_path(), log)), (motion, &request.output))? {
         Some(error) => log_path.iter().for_each(|path| report.log_failed(path, &error)),
         None => report.log = log_path,
     }
     report.table = Some(request.table.clone());
+    report.page.clone_from(&request.page);
     report.output = Some(request.output.clone());
     Ok(report)
 }
@@ -227,7 +248,7 @@ impl Request {
     fn check_names(&self, sequence: &Sequence) -> Result<(), RepairError> {
         check_motion_name(&self.output)?;
         let rig = self.rig.all().into_iter().map(|(_, path)| path);
-        let beside = [Some(self.table.as_path()), self.log.as_deref()].into_iter().flatten().collect();
+        let beside = [Some(self.table.as_path()), self.log.as_deref(), self.page.as_deref()].into_iter().flatten().collect();
         Names {
             input: &self.rig.skeleton,
             output: &self.output,
@@ -239,11 +260,15 @@ impl Request {
         .check_beside()
     }
 
+    /// The files of the clouds as they were named, without folders.
+    fn source_name(&self) -> String {
+        Path::new(self.clouds.typed()).file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default()
+    }
+
     /// What the log is to know beforehand.
     fn about(&self, sequence: &Sequence) -> TrackAbout {
-        let name = Path::new(self.clouds.typed()).file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
         TrackAbout {
-            source_name: name,
+            source_name: self.source_name(),
             rate_hz: self.rate_hz,
             first_frame: sequence.first,
             frames: sequence.frames(),

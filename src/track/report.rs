@@ -34,6 +34,8 @@ pub struct Report {
     pub log: Option<PathBuf>,
     /// Why the log is not there although it was wanted.
     pub log_error: Option<String>,
+    /// The report to look at.
+    pub page: Option<PathBuf>,
     /// Frames per second.
     pub rate_hz: f64,
     /// Unit of length of the rig, and of what was written.
@@ -73,6 +75,7 @@ impl Report {
             table: None,
             log: None,
             log_error: None,
+            page: None,
             rate_hz: request.rate_hz,
             unit: rig.unit.symbol(),
             joints: rig.body.tree.joints(),
@@ -175,7 +178,7 @@ impl Report {
         if let Some(error) = &self.log_error {
             line("no log", error.clone());
         }
-        for (head, path) in [("log", &self.log), ("frames", &self.table)] {
+        for (head, path) in [("log", &self.log), ("frames", &self.table), ("report", &self.page)] {
             out.extend(path.iter().map(|path| style.name(head, &path.display().to_string())));
         }
         out
@@ -217,6 +220,7 @@ impl Report {
                 table: Option<String>,
                 log: Option<String>,
                 log_error: Option<&'a str>,
+                report: Option<String>,
                 method: &'a str,
                 rate_hz: f64,
                 unit: &'a str,
@@ -247,6 +251,7 @@ impl Report {
             table: path(&self.table),
             log: path(&self.log),
             log_error: self.log_error.as_deref(),
+            report: path(&self.page),
             method: self.method,
             rate_hz: self.rate_hz,
             unit: self.unit,

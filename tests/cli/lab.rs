@@ -152,6 +152,27 @@ impl Lab {
         document.take().clone()
     }
 
+    /// What a report to look at shows: base 64, deflated, JSON.
+    pub fn page(&self, name: &str) -> serde_json::Value {
+        let html = self.text(name);
+        let (_, model) = html.split_once("<script type=\"text/plain\" id=\"model\">").unwrap();
+        let (mut bytes, mut bits, mut held) = (Vec::new(), 0_u32, 0);
+        for digit in model.split('<').next().unwrap().bytes().filter(|&digit| digit != b'=') {
+            let value = match digit {
+                b'A'..=b'Z' => digit - b'A',
+                b'a'..=b'z' => digit - b'a' + 26,
+                b'0'..=b'9' => digit - b'0' + 52,
+                _ => 62 + u8::from(digit == b'/'),
+            };
+            (bits, held) = ((bits << 6 | u32::from(value)) & 0xffff, held + 6);
+            if held >= 8 {
+                held -= 8;
+                bytes.push((bits >> held) as u8);
+            }
+        }
+        serde_json::from_slice(&miniz_oxide::inflate::decompress_to_vec_zlib(&bytes).unwrap()).unwrap()
+    }
+
     /// The metadata record of a log of the folder.
     #[track_caller]
     pub fn log_metadata(&self, name: &str) -> BTreeMap<String, String> {

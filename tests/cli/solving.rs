@@ -133,6 +133,30 @@ fn a_motion_is_found_and_told() {
 }
 
 #[test]
+fn the_report_shows_what_became_of_the_frames() {
+    let hidden =
+        |frame: usize, name: &str| frame == 30 || ((20..26).contains(&frame) && (name.starts_with("l_farm") || name.starts_with("l_hand")));
+    let lab = lab(&without(&walk(&MarkerOptions::default()), hidden));
+    run(&lab, &["--no-log", "--report", "out.html"]).with_code(3);
+    let page = lab.page("out.html");
+    assert_eq!(
+        (&page["source_name"], &page["take"]["first_frame"], &page["take"]["frames"]),
+        (&"in.c3d".into(), &101.into(), &FRAMES.into())
+    );
+    let followed = &page["followed"];
+    let predicted = serde_json::json!({ "start": 30, "frames": 1, "kind": "predicted", "marker": null, "about": "no marker" });
+    let events = followed["events"].as_array().unwrap();
+    assert!(events.contains(&predicted), "{events:?}");
+    assert!(events.iter().any(|event| event["kind"] == "unseen" && event["start"] == 20 && event["frames"] == 6), "{events:?}");
+    assert_eq!((&followed["tiles"][0]["value"], &followed["tiles"][3]["value"]), (&"41".into(), &"1".into()));
+    let table = lab.text("out.frames.csv");
+    let rms = followed["curves"][0]["values"].as_array().unwrap();
+    assert!(rms.len() == FRAMES && rms[30].is_null());
+    let told: f64 = table.lines().nth(1).unwrap().split(',').nth(2).unwrap().parse().unwrap();
+    assert!((rms[0].as_f64().unwrap() - told).abs() < 1.01e-4, "{told}");
+}
+
+#[test]
 fn equal_takes_give_equal_bytes() {
     let files = [(); 2].map(|()| {
         let lab = lab(&walk(&MarkerOptions { hidden: 0.3, ..MarkerOptions::default() }));

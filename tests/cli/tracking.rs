@@ -232,10 +232,48 @@ fn the_log_tells_every_round_and_frame() {
 }
 
 #[test]
+fn the_report_shows_what_became_of_the_frames() {
+    let lab = lab();
+    std::fs::remove_file(lab.path(&name(7))).unwrap();
+    let before = lab.listing();
+    let ran = run(&lab, &["--no-log", "--report", "out.html"]).with_code(3);
+    assert_eq!(lab.new_since(&before), ["out.bvh", "out.frames.csv", "out.html"]);
+    assert!(ran.out.contains("out.html"), "{}", ran.out);
+    let html = lab.text("out.html");
+    assert!(html.starts_with("<!doctype html>") && !html.contains("src=\"") && !html.contains("href=\"http"));
+    let page = lab.page("out.html");
+    assert_eq!(page["source_name"], "cloud_%02d.off");
+    let take = &page["take"];
+    assert_eq!((&take["frames"], &take["first_frame"], &take["rate_hz"]), (&FRAMES.into(), &FIRST.into(), &30.0.into()));
+    assert_eq!(take["markers"], serde_json::json!(["root", "trunk", "arm", "arm end"]));
+    let bones: Vec<&str> = take["bones"].as_array().unwrap().iter().map(|bone| bone["label"].as_str().unwrap()).collect();
+    assert_eq!(bones, ["trunk-arm", "arm-arm end"], "root and trunk are in one place");
+    let followed = &page["followed"];
+    let event = serde_json::json!({ "start": 7, "frames": 1, "kind": "predicted", "marker": null, "about": "no file" });
+    assert_eq!(followed["events"], serde_json::json!([event]));
+    assert_eq!((&followed["tiles"][0]["value"], &followed["tiles"][1]["value"]), (&"11".into(), &"1".into()));
+    // the curves are those of the table
+    let table = lab.text("out.frames.csv");
+    for (curve, column) in [(0, 4), (1, 5), (2, 6), (3, 7)] {
+        let values = followed["curves"][curve]["values"].as_array().unwrap();
+        assert_eq!(values.len(), FRAMES);
+        for (value, row) in values.iter().zip(table.lines().skip(1)) {
+            let told = row.split(',').nth(column).unwrap();
+            assert_eq!(value.is_null(), told.is_empty(), "{row}");
+            assert!(value.is_null() || (value.as_f64().unwrap() - told.parse::<f64>().unwrap()).abs() < 0.051, "{value}: {row}");
+        }
+    }
+    let streams: Vec<&str> = page["streams"].as_array().unwrap().iter().map(|stream| stream["name"].as_str().unwrap()).collect();
+    assert!(streams.contains(&"cloud"), "{streams:?}");
+    let ran = run(&lab, &["--json", "--report", "out.html", "--force"]).with_code(3);
+    assert_eq!(ran.messages().last().unwrap()["report"].as_str().map(|name| name.ends_with("out.html")), Some(true));
+}
+
+#[test]
 fn equal_sequences_give_equal_bytes() {
     let files = [lab(), lab()].map(|lab| {
-        run(&lab, &[]).with_code(0);
-        ["out.bvh", "out.frames.csv", "out.mcap"].map(|name| lab.read(name))
+        run(&lab, &["--report", "out.html"]).with_code(0);
+        ["out.bvh", "out.frames.csv", "out.mcap", "out.html"].map(|name| lab.read(name))
     });
     assert!(files[0] == files[1]);
 }
@@ -339,6 +377,7 @@ fn names_are_checked_before_anything_is_done() {
     refused(&with(&["-o", "out.bvh", "--csv", "cloud_04.off", "--force"]), 1, "cloud_04.off: is read as well");
     refused(&with(&["-o", "out.bvh", "--log", "body.skl", "--force"]), 1, "body.skl: is the input itself");
     refused(&with(&["-o", "out.bvh", "--csv", "x", "--log", "x"]), 1, "is named for two different files");
+    refused(&with(&["-o", "out.bvh", "--csv", "x", "--report", "x"]), 1, "is named for two different files");
     refused(&with(&["-o", "out.bvh", "--first", "1"]), 1, "there are files from 3 to 14");
     refused(&with(&["-o", "out.bvh", "--nthresh", "0.5", "--normal-angle", "60"]), 2, "--normal-angle");
     let mut other = with(&["-o", "out.bvh"]);

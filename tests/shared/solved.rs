@@ -62,6 +62,7 @@ fn solved(folder: &Path, bound: &Bound) -> Result<(), Failed> {
         table: output.path().join("out.csv"),
         log: None,
         log_rate_hz: None,
+        page: None,
         force: false,
     };
     let report = fit(&request, &mut ())?;

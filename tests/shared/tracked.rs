@@ -58,6 +58,7 @@ fn followed(folder: &Path, bound: &Bound) -> Result<(), Failed> {
         table: output.path().join("out.csv"),
         log: None,
         log_rate_hz: None,
+        page: None,
         force: false,
     };
     read_rig(&request.rig)?;

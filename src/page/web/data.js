@@ -93,6 +93,14 @@ function unpackTake(model, bytes) {
     for (let k = 0; k < 5; k++) entry[k] += streams.raw.next();
     raw.set(entry[0] * frames + shown[entry[1]], entry.slice(2).map((x) => x * model.position_step_mm));
   }
+  // points of what was measured, frame by frame
+  const cloud = [];
+  const point = [0, 0, 0];
+  while (streams.cloud?.more) {
+    const points = new Float32Array(3 * streams.cloud.next());
+    for (let k = 0; k < points.length; k++) points[k] = (point[k % 3] += streams.cloud.next()) * model.cloud_step_mm;
+    cloud.push(points);
+  }
   return {
     frames,
     markers,
@@ -105,6 +113,7 @@ function unpackTake(model, bytes) {
     mm,
     sigma,
     raw,
+    cloud,
     /** Index of a sample in `state`, `sigma` and, times 3, `mm`. */
     at: (marker, frame) => marker * frames + frame,
     /** The file's own number of a frame, and back. */

@@ -26,7 +26,8 @@ class Figure {
     this.turn = turn;
     this.floor = floor;
     const markers = take.markers.length, bones = take.bones.length;
-    this.points = new Shapes(POINT, 3 * markers + 2); // x y z, pixels, red green blue alpha
+    const measured = take.cloud.reduce((most, points) => Math.max(most, points.length / 3), 0);
+    this.points = new Shapes(POINT, 3 * markers + 2 + measured); // x y z, pixels, red green blue alpha
     this.lines = new Shapes(LINE, 3 * bones + markers + 4); // x y z, x y z, pixels, red green blue alpha
     this.balls = new Shapes(BALL, markers); // x y z, metres, red green blue alpha
     this.scene = new Float32Array(3 * markers);
@@ -39,7 +40,7 @@ class Figure {
     this.palette = { ink: rgb("ink"), bone: rgb("bone"), filled: rgb("filled"), accent: rgb("focus"), raw: rgb("measured"), suspect: rgb("suspect"), grid: rgb("grid"), stage: rgb("stage") };
   }
 
-  /** Fills the shapes for a frame. `show`: which of `sigma` and `raw` are wanted; `mark`: a marker to point at. */
+  /** Fills the shapes for a frame. `show`: which of `sigma`, `raw` and `cloud` are wanted; `mark`: a marker to point at. */
   update(frame, show, mark) {
     const { take, turn, scene, raw, palette } = this;
     this.points.count = this.lines.count = this.balls.count = 0;
@@ -51,6 +52,13 @@ class Figure {
       if (before) place(turn, before, 0, raw, 3 * marker);
       else if (take.state[at] === OBSERVED) raw.set(scene.subarray(3 * marker, 3 * marker + 3), 3 * marker);
       else raw.fill(NaN, 3 * marker, 3 * marker + 3);
+    }
+    if (show.cloud && take.cloud[frame]) {
+      const points = take.cloud[frame], at = [0, 0, 0];
+      for (let k = 0; k < points.length; k += 3) {
+        place(turn, points, k, at, 0);
+        this.points.add(...at, 3.5, ...palette.raw, 0.55);
+      }
     }
     const known = (places, marker) => !Number.isNaN(places[3 * marker]);
     const xyz = (places, marker) => places.subarray(3 * marker, 3 * marker + 3);

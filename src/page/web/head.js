@@ -44,7 +44,7 @@ function tile(title, value, unit, about, go, tone) {
 function head({ model, take, gaps, bones }) {
   const { summary, take: about } = model;
   const samples = about.markers.length * about.frames;
-  const facts = [
+  const facts = model.followed ? model.followed.facts : [
     summary.format && summary.format.toUpperCase(),
     counted(about.markers.length, "marker"),
     `${counted(about.frames, "frame")} at ${short(about.rate_hz)} Hz`,
@@ -60,7 +60,7 @@ function head({ model, take, gaps, bones }) {
   const judged = summary.bone_judgement;
   const frameText = (frame) => `frame ${take.label(frame)}`;
 
-  const tiles = [
+  const tiles = model.followed ? followedTiles({ model, take, gaps }) : [
     tile("Gaps", whole(gaps.length), "", gaps.length ? `in ${counted(new Set(gaps.map((g) => g.marker)).size, "marker")}` : "nothing is missing"),
     tile("Missing", percent(samples ? summary.samples_missing / samples : 0).replace(" %", ""), "%", `${whole(summary.samples_missing)} of ${whole(samples)} samples`),
     longest

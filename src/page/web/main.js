@@ -33,9 +33,9 @@ async function start() {
     return apologise("This browser is too old for this report: it needs one from 2023 or later (Chrome or Edge 80, Firefox 113, Safari 16.4).");
   }
   const { model, take } = await load();
-  const gaps = gapList(model, take);
+  const gaps = model.followed ? eventList(model) : gapList(model, take);
   const parts = { model, take, gaps, bones: judgeBones(take), scale: sigmaScale(take) };
-  if (gaps.length > 0) {
+  if (gaps.length > 0 && !model.followed) {
     const first = gaps.reduce((best, gap) => ((gap.sigma_mm ?? gap.frames / 1e6) > (best.sigma_mm ?? best.frames / 1e6) ? gap : best));
     Object.assign(state, { gap: first.index, frame: first.worst ?? first.start + Math.floor(first.frames / 2) });
   }
@@ -44,7 +44,7 @@ async function start() {
   const play = player(parts);
   const columns = el("div", { className: "columns" });
   main.replaceChildren(play.node, columns);
-  for (const part of [suspects, gapMap, tracks, bonePlots, solver, origin]) {
+  for (const part of model.followed ? [eventTable, followedCurves, origin] : [suspects, gapMap, tracks, bonePlots, solver, origin]) {
     const node = part(parts);
     if (node) columns.append(node);
   }

@@ -4,6 +4,7 @@ function origin({ model }) {
   const pairs = [
     ["File", model.source_name],
     ["SHA-256", model.source_sha256],
+    ...(model.followed ? model.followed.files : []),
     ["Program", `mocap-repair ${model.version}`],
     ["Method", model.method],
     ["Seed", model.seed],

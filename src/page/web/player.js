@@ -2,14 +2,14 @@
 
 const SPEEDS = [0.1, 0.25, 0.5, 1, 2, 4];
 
-const KEYS = [
+const KEYS = (followed) => [
   ["Space", "play or pause"],
   ["← →", "one frame back or on; with Shift ten"],
-  ["P N", "to the gap before or after"],
+  ["P N", followed ? "to what happened before or after" : "to the gap before or after"],
   ["Home End", "first or last frame"],
   ["− +", "slower, faster"],
   ["F", "fit the view, follow the body"],
-  ["G L S R", "floor, labels, ±2 σ, raw data"],
+  followed ? ["G L C", "floor, labels, measured points"] : ["G L S R", "floor, labels, ±2 σ, raw data"],
   ["?", "these keys"],
 ];
 
@@ -46,13 +46,15 @@ function player({ model, take, gaps }) {
   const up = model.take.up || "+z";
   const view = new View(take, turnFor(up));
   const figure = new Figure(take, view.turn, view.floor);
-  const show = { sigma: true, raw: false, labels: true, floor: true };
+  const show = { sigma: true, raw: false, cloud: true, labels: true, floor: true };
+  const { followed } = model;
+  const stop = followed ? "event" : "gap";
   const canvas = el("canvas", { className: "picture" });
   const over = el("canvas", { className: "labels", "aria-hidden": "true" });
   const still = el("img", { className: "still", alt: "The figure in the selected frame", hidden: true });
   const stage = el("div", {
     className: "stage", tabIndex: 0, role: "img",
-    "aria-label": `Stick figure of ${counted(take.markers.length, "marker")}; drag to turn, pinch or Ctrl and wheel to zoom, Shift and drag to move`,
+    "aria-label": `Stick figure of ${counted(take.markers.length, followed ? "joint" : "marker")}; drag to turn, pinch or Ctrl and wheel to zoom, Shift and drag to move`,
   }, canvas, over, still);
   figure.colours();
   let renderer = webgl(canvas, figure);
@@ -228,15 +230,16 @@ function player({ model, take, gaps }) {
   name();
   tell();
 
-  const anyFilled = model.summary.samples_filled > 0;
+  const anyFilled = !followed && model.summary.samples_filled > 0;
   const toggles = {
     g: toggle("Floor", "Floor, 0.5 m a square", show.floor, (on) => ((show.floor = on), redraw())),
-    l: anyFilled && toggle("Labels", "Labels of filled markers", show.labels, (on) => ((show.labels = on), redraw())),
+    l: (anyFilled || followed) && toggle("Labels", followed ? `Labels of joints that are ${followed.legend[1]}` : "Labels of filled markers", show.labels, (on) => ((show.labels = on), redraw())),
     s: anyFilled && toggle("±2 σ", "Where filled markers may be: balls of ±2 σ", show.sigma, (on) => ((show.sigma = on), redraw())),
+    c: take.cloud.length > 0 && toggle("Points", `Some of the ${followed.legend[2]}`, show.cloud, (on) => ((show.cloud = on), redraw())),
     r: (anyFilled || take.raw.size > 0) && toggle("Raw", "What the file held, as a ghost", show.raw, (on) => ((show.raw = on), redraw())),
   };
   const strip = missingStrip(take);
-  const help = keyHelp();
+  const help = keyHelp(followed);
   document.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || help.open || event.defaultPrevented) return;
     const target = event.target;
@@ -281,13 +284,15 @@ function player({ model, take, gaps }) {
     el("div", { className: "transport controls" },
       el("div", { className: "scrubber" }, strip.node, scrub),
       el("div", { className: "row" },
-        el("button", { type: "button", className: "button", "aria-label": "Previous gap", title: "Previous gap (P)", disabled: gaps.length === 0, onclick: () => step(-1) }, icon("before")),
+        el("button", { type: "button", className: "button", "aria-label": `Previous ${stop}`, title: `Previous ${stop} (P)`, disabled: gaps.length === 0, onclick: () => step(-1) }, icon("before")),
         play,
-        el("button", { type: "button", className: "button", "aria-label": "Next gap", title: "Next gap (N)", disabled: gaps.length === 0, onclick: () => step(1) }, icon("after")),
+        el("button", { type: "button", className: "button", "aria-label": `Next ${stop}`, title: `Next ${stop} (N)`, disabled: gaps.length === 0, onclick: () => step(1) }, icon("after")),
         speed, readout,
         el("button", { type: "button", className: "button ghost", "aria-label": "Keys", title: "Keys (?)", onclick: () => help.showModal() }, "?")),
       el("div", { className: "row" }, Object.values(toggles), el("button", { type: "button", className: "button", title: "Fit the view and follow the body (F)", onclick: fit }, "Fit"), upright)),
-    legend(["dot measured-dot", "measured"], anyFilled && ["dot filled-dot", "filled"], anyFilled && ["dot sigma-dot", "±2 σ"], take.raw.size > 0 && ["dot suspect-dot", "dropped"]),
+    followed
+      ? legend(["dot joint-dot", followed.legend[0]], ["dot filled-dot", followed.legend[1]], take.cloud.length > 0 && ["dot cloud-dot", followed.legend[2]])
+      : legend(["dot measured-dot", "measured"], anyFilled && ["dot filled-dot", "filled"], anyFilled && ["dot sigma-dot", "±2 σ"], take.raw.size > 0 && ["dot suspect-dot", "dropped"]),
     help);
   return {
     node,
@@ -382,12 +387,12 @@ function missingStrip(take) {
   return { node, draw };
 }
 
-function keyHelp() {
+function keyHelp(followed) {
   const dialog = el("dialog", { "aria-labelledby": "keys-title" });
   dialog.append(
     el("h2", { id: "keys-title" }, "Keys"),
-    el("dl", { className: "keys" }, KEYS.map(([keys, what]) => [el("dt", {}, keys.split(" ").map((key) => [el("kbd", {}, key), " "])), el("dd", {}, what)])),
-    el("p", { className: "help" }, "In the gap map, arrows go from gap to gap. Drag the figure to turn it; Shift and drag, or two fingers, to move it; Ctrl and wheel, or the wheel after a click, to zoom."),
+    el("dl", { className: "keys" }, KEYS(followed).map(([keys, what]) => [el("dt", {}, keys.split(" ").map((key) => [el("kbd", {}, key), " "])), el("dd", {}, what)])),
+    el("p", { className: "help" }, `${followed ? "" : "In the gap map, arrows go from gap to gap. "}Drag the figure to turn it; Shift and drag, or two fingers, to move it; Ctrl and wheel, or the wheel after a click, to zoom.`),
     el("form", { method: "dialog" }, el("button", { className: "button primary", autofocus: true }, "Close")),
   );
   dialog.addEventListener("click", (event) => event.target === dialog && dialog.close());
