@@ -17,10 +17,10 @@ there is no vertex. Without a joint it moves with the vertex. A joint alone will
 with --calibrate.
 
 Exit codes:
-  0  every joint was seen, as far as the take goes
+  0  every joint was seen, and not unseen for more than a second at a time
   1  failed; no output was written
   2  the command line was wrong
-  3  the output exists, but look at it: frames had no marker, nothing tells of a joint,
+  3  the output exists, but look at it: frames had no marker, nothing tells of a joint (for long),
      the map names markers that the take does not have, a marker is far from its place,
      something was assumed, or there is no log";
 

@@ -211,13 +211,13 @@ impl Report {
         self.markers.iter().filter(|m| m.counts && m.frames > 0).count()
     }
 
-    /// 0 if every joint was told of in every frame, nothing was assumed or lost, and no marker is strange, else 3. (Errors have their own codes.)
+    /// 0 if every joint was told of at least once in every second, nothing was assumed or lost, and no marker is strange, else 3. (Errors have their own codes.)
     pub fn exit_code(&self) -> u8 {
         let left = !self.predicted.is_empty()
             || !self.unobserved.is_empty()
             || !self.absent.is_empty()
             || !self.strange().is_empty()
-            || !self.unseen.is_empty();
+            || self.unseen.iter().flat_map(|unseen| &unseen.when).any(|when| when.frames as f64 > self.rate_hz);
         let left = left || self.rms_cm > STRANGE_CM;
         if left || self.log_error.is_some() || self.notes.iter().any(Note::matters) { 3 } else { 0 }
     }
