@@ -46,6 +46,7 @@ const SAMPLES: &[(&str, &[&str])] = &[
     ("unit", &["mm"]),
     ("cst-unit", &["rad"]),
     ("cst-ball", &["swing-twist"]),
+    ("spine", &[]),
     ("map", &["map.csv"]),
     ("force", &[]),
     ("dry-run", &[]),
