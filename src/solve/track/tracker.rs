@@ -112,8 +112,7 @@ impl<'a> Tracker<'a> {
         let mut done: Vec<Tracked> =
             (1..=dark).map(|frame| self.between(&motion, frame as f64 / (dark + 1) as f64, &tracked.lost)).collect();
         let last = std::mem::replace(&mut self.last, tracked.pose.clone());
-        // a limb that was found elsewhere did not get there by a motion that goes on
-        self.before = (tracked.way != Way::Searched && dark == 0).then_some(last);
+        self.before = (dark == 0).then_some(last);
         self.lost.clone_from(&tracked.lost);
         done.push(tracked);
         done
