@@ -12,7 +12,7 @@ use crate::bones;
 use crate::convert::convert;
 use crate::demo::actor::{BodyOptions, write_body};
 use crate::demo::{DemoOptions, write_demo};
-use crate::fit::fit as fit_markers;
+use crate::fit::{Report as FitReport, fit as fit_markers};
 use crate::input::{Reading, open};
 use crate::inspect::Inspection;
 use crate::log::{self, Terminal};
@@ -21,7 +21,7 @@ use crate::repair::{RepairError, Request, neighbours, repair};
 use crate::report::lines;
 use crate::solve::auto::Stiffness;
 use crate::solve::{Method, Observer};
-use crate::track::track as track_clouds;
+use crate::track::{Report as TrackReport, track as track_clouds};
 use crate::typeset::{Style, Tone, settle_colours};
 use args::{BonesArg, ConvertArgs, DemoKind, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
@@ -328,20 +328,7 @@ fn run_track(args: &TrackArgs, interrupt: &AtomicBool) -> u8 {
     let mut terminal = watching(args.quiet || args.json);
     let tracked = track_clouds(&args.request(), &mut terminal, interrupt);
     drop(terminal);
-    match tracked {
-        Ok(report) => {
-            if args.json {
-                print(&report.json());
-            } else if !args.quiet {
-                print(&report.text(&Style::of_stdout()));
-            }
-            report.exit_code()
-        }
-        Err(error) => {
-            fail(&error.to_string(), args.json);
-            1
-        }
-    }
+    told(tracked, args.json, args.quiet, &(TrackReport::json, TrackReport::text, TrackReport::exit_code))
 }
 
 fn run_solve(args: &SolveArgs) -> u8 {
@@ -349,17 +336,27 @@ fn run_solve(args: &SolveArgs) -> u8 {
     let mut terminal = watching(args.quiet || args.json);
     let fitted = fit_markers(&request, &mut terminal);
     drop(terminal);
-    match fitted {
+    told(fitted, args.json, args.quiet, &(FitReport::json, FitReport::text, FitReport::exit_code))
+}
+
+/// Says for scripts, for people or not at all what came of a motion, and returns the exit code. `of` is how: as JSON, as text, as a code.
+fn told<R>(
+    result: Result<R, RepairError>,
+    json: bool,
+    quiet: bool,
+    of: &(impl Fn(&R) -> String, impl Fn(&R, &Style) -> String, impl Fn(&R) -> u8),
+) -> u8 {
+    match result {
         Ok(report) => {
-            if args.json {
-                print(&report.json());
-            } else if !args.quiet {
-                print(&report.text(&Style::of_stdout()));
+            if json {
+                print(&of.0(&report));
+            } else if !quiet {
+                print(&of.1(&report, &Style::of_stdout()));
             }
-            report.exit_code()
+            of.2(&report)
         }
         Err(error) => {
-            fail(&error.to_string(), args.json);
+            fail(&error.to_string(), json);
             1
         }
     }
