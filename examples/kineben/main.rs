@@ -32,6 +32,9 @@ struct Args {
     /// Tell of each which frame was lost first, in how many limbs were searched and found, and the mean of each joint
     #[arg(long)]
     each: bool,
+    /// Only the default method
+    #[arg(long)]
+    default_only: bool,
     /// Another seed for all of them
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -49,11 +52,14 @@ fn main() -> ExitCode {
 
 fn print(args: &Args, out: &mut dyn Write) -> Result<(), String> {
     let unwritable = |e: io::Error| e.to_string();
-    writeln!(out, "| sequence | frames | default: mean / p95 / max cm | frames > 5 cm | `report`: mean / p95 / max cm | frames > 5 cm |")
-        .and_then(|()| writeln!(out, "| --- | --- | --- | --- | --- | --- |"))
+    let methods: &[(&str, Method)] = &[("default", Method::Planes), ("`report`", Method::Report)];
+    let methods = &methods[..if args.default_only { 1 } else { 2 }];
+    let titles: String = methods.iter().map(|(name, _)| format!(" {name}: mean / p95 / max cm | frames > 5 cm |")).collect();
+    writeln!(out, "| sequence | frames |{titles}")
+        .and_then(|()| writeln!(out, "| --- | --- |{}", " --- | --- |".repeat(methods.len())))
         .map_err(unwritable)?;
     let mut put = |name: &str, sequence: &Sequence| {
-        let scores = [Method::Planes, Method::Report].map(|method| {
+        let scores = methods.iter().map(|&(_, method)| {
             let tracked = follow(sequence, Settings::of(method));
             let score = score(&sequence.joints, &tracked);
             if args.each {
@@ -62,10 +68,10 @@ fn print(args: &Args, out: &mut dyn Write) -> Result<(), String> {
                 let searched = 100.0 * score.searched;
                 let _ = writeln!(io::stderr(), "{name}, {method:?}: searched in {searched:.1} %{first}; joints: {}", joints.join(" "));
             }
-            score
+            cells(score)
         });
-        let [planes, report] = scores.map(cells);
-        writeln!(out, "| {name} | {} | {planes} | {report} |", sequence.clouds.len()).and_then(|()| out.flush()).map_err(unwritable)
+        let cells = scores.collect::<Vec<_>>().join(" | ");
+        writeln!(out, "| {name} | {} | {cells} |", sequence.clouds.len()).and_then(|()| out.flush()).map_err(unwritable)
     };
     for variant in ALL.iter().filter(|variant| variant.name.contains(&args.only)) {
         let variant = variants::Variant { seed: args.seed.unwrap_or(variant.seed), ..*variant };

@@ -123,6 +123,10 @@ pub fn reach(body: &Body, limb: &Limb, pose: &Pose, left: &Cloud, limits: Option
     let beside = Beside::new(left, left.points.iter().copied(), FAR_CM);
     let heading = heading(body, limb);
     let hinge = limb.joints.get(1).copied().filter(|&joint| matches!(tree.links[joint].motion, Motion::Revolute(_)));
+    // of this limb: what others exceed by a hair is not its fault
+    let own = limits.map(|limits| Limits {
+        bounds: limits.bounds.iter().filter(|(joint, ..)| limb.joints.contains(joint)).copied().collect(),
+    });
     let mut posed = Posed::new(tree);
     let mut found: Vec<(f64, Pose)> = Vec::new();
     for direction in 0..DIRECTIONS {
@@ -146,7 +150,7 @@ pub fn reach(body: &Body, limb: &Limb, pose: &Pose, left: &Cloud, limits: Option
                 }
                 posed.set(tree, &tried);
                 let at = At { tree, pose: &tried, posed: &posed };
-                if limits.is_some_and(|limits| limits.energy(&at) > 0.0) {
+                if own.as_ref().is_some_and(|own| own.energy(&at) > 0.0) {
                     continue;
                 }
                 found.push((missed(body, limb, &posed.parts, &beside, cosine), tried));
