@@ -35,6 +35,9 @@ struct Args {
     /// Only the default method
     #[arg(long)]
     default_only: bool,
+    /// Begin with this frame, though the pose at the beginning stays that of the first one
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    skip: usize,
     /// Another seed for all of them
     #[arg(long, value_name = "N")]
     seed: Option<u64>,
@@ -58,15 +61,19 @@ fn print(args: &Args, out: &mut dyn Write) -> Result<(), String> {
     writeln!(out, "| sequence | frames |{titles}")
         .and_then(|()| writeln!(out, "| --- | --- |{}", " --- | --- |".repeat(methods.len())))
         .map_err(unwritable)?;
-    let mut put = |name: &str, sequence: &Sequence| {
+    let mut put = |name: &str, mut sequence: Sequence| {
+        sequence.clouds.drain(..args.skip.min(sequence.clouds.len()));
+        sequence.joints.drain(..args.skip.min(sequence.joints.len()));
+        let sequence = &sequence;
         let scores = methods.iter().map(|&(_, method)| {
             let tracked = follow(sequence, Settings::of(method));
-            let score = score(&sequence.joints, &tracked);
+            let score = score(&sequence.body.tree, &sequence.joints, &tracked);
             if args.each {
                 let joints: Vec<String> = by_joint(&sequence.joints, &tracked).iter().map(|off| format!("{off:.2}")).collect();
                 let first = score.first_lost.map_or_else(String::new, |frame| format!(", first lost: {frame}"));
                 let searched = 100.0 * score.searched;
-                let _ = writeln!(io::stderr(), "{name}, {method:?}: searched in {searched:.1} %{first}; joints: {}", joints.join(" "));
+                let told = format!("astray in silence {:.2} %, false alarms {:.2} %", 100.0 * score.silent, 100.0 * score.false_alarms);
+                let _ = writeln!(io::stderr(), "{name}, {method:?}: searched in {searched:.1} %{first}; {told}; joints: {}", joints.join(" "));
             }
             cells(score)
         });
@@ -75,7 +82,7 @@ fn print(args: &Args, out: &mut dyn Write) -> Result<(), String> {
     };
     for variant in ALL.iter().filter(|variant| variant.name.contains(&args.only)) {
         let variant = variants::Variant { seed: args.seed.unwrap_or(variant.seed), ..*variant };
-        put(variant.name, &variant.sequence())?;
+        put(variant.name, variant.sequence())?;
     }
     let Some(data) = &args.data else { return Ok(()) };
     let entries = std::fs::read_dir(data).map_err(|e| format!("{}: {e}", data.display()))?;
@@ -84,7 +91,7 @@ fn print(args: &Args, out: &mut dyn Write) -> Result<(), String> {
     for folder in folders {
         let name = folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         if name.contains(&args.only) {
-            put(&format!("`{name}`, from files"), &real::read(&folder)?)?;
+            put(&format!("`{name}`, from files"), real::read(&folder)?)?;
         }
     }
     Ok(())

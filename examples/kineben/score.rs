@@ -1,7 +1,7 @@
 //! How far joints are from the truth.
 
 use super::variants::Sequence;
-use mocap_repair::solve::ik::Vec3;
+use mocap_repair::solve::ik::{Tree, Vec3};
 use mocap_repair::solve::track::{Settings, Tracked, Tracker, Way};
 
 /// A frame whose joints are farther off than this on average is lost, cm.
@@ -22,7 +22,16 @@ pub struct Score {
     pub first_lost: Option<usize>,
     /// The share of frames in which limbs were searched, and found.
     pub searched: f64,
+    /// The share of parts that are not where they should be and not told as lost, in all frames.
+    pub silent: f64,
+    /// The share of parts that are told as lost although they are where they should be.
+    pub false_alarms: f64,
 }
+
+/// A part is not where it should be if one of its joints is farther off than this, cm ...
+const ASTRAY_CM: f64 = 15.0;
+/// ... and is if all are nearer than this.
+const RIGHT_CM: f64 = 4.0;
 
 /// Follows the body of a sequence through all of its frames.
 pub fn follow(sequence: &Sequence, settings: Settings) -> Vec<Tracked> {
@@ -36,7 +45,7 @@ pub fn follow(sequence: &Sequence, settings: Settings) -> Vec<Tracked> {
 }
 
 /// What came of it.
-pub fn score(truth: &[Vec<Vec3>], tracked: &[Tracked]) -> Score {
+pub fn score(tree: &Tree, truth: &[Vec<Vec3>], tracked: &[Tracked]) -> Score {
     assert_eq!(truth.len(), tracked.len(), "every frame that was pushed comes out");
     let mut all = Vec::new();
     let mut lost = Vec::new();
@@ -49,6 +58,16 @@ pub fn score(truth: &[Vec<Vec3>], tracked: &[Tracked]) -> Score {
         all.extend(own);
     }
     all.sort_by(f64::total_cmp);
+    let (mut parts, mut silent, mut false_alarms) = (0.0, 0.0, 0.0);
+    for (truth, tracked) in truth.iter().zip(tracked) {
+        for part in 0..tree.joints() {
+            let own = (0..tree.joints()).filter(|&joint| joint == part || tree.links[joint].parent == Some(part));
+            let off = own.map(|joint| (truth[joint] - tracked.centres[joint]).norm()).filter(|off| !off.is_nan()).fold(0.0, f64::max);
+            parts += 1.0;
+            silent += f64::from(u8::from(off > ASTRAY_CM && !tracked.lost[part]));
+            false_alarms += f64::from(u8::from(off < RIGHT_CM && tracked.lost[part]));
+        }
+    }
     let searched = tracked.iter().filter(|frame| frame.way == Way::Searched).count();
     Score {
         mean_cm: mean(&all),
@@ -57,6 +76,8 @@ pub fn score(truth: &[Vec<Vec3>], tracked: &[Tracked]) -> Score {
         lost: lost.len() as f64 / tracked.len().max(1) as f64,
         first_lost: lost.first().copied(),
         searched: searched as f64 / tracked.len().max(1) as f64,
+        silent: silent / f64::max(parts, 1.0),
+        false_alarms: false_alarms / f64::max(parts, 1.0),
     }
 }
 

@@ -10,7 +10,7 @@ use mocap_repair::solve::track::{Method, Settings};
 fn holds(name: &str, frames: usize, mean_cm: f64, worst_cm: f64) {
     let variant = ALL.iter().find(|variant| variant.name == name).unwrap();
     let sequence = Variant { frames, ..*variant }.sequence();
-    let found = score(&sequence.joints, &follow(&sequence, Settings::of(Method::Planes)));
+    let found = score(&sequence.body.tree, &sequence.joints, &follow(&sequence, Settings::of(Method::Planes)));
     assert!(found.mean_cm < mean_cm && found.worst_cm < worst_cm && found.lost == 0.0, "{name}: {found:?}");
 }
 
@@ -65,6 +65,6 @@ fn gymnastics_at_half_the_rate() {
 fn the_report_is_as_good_as_it_is() {
     let variant = Variant { frames: 60, ..ALL[0] };
     let sequence = variant.sequence();
-    let found = score(&sequence.joints, &follow(&sequence, Settings::of(Method::Report)));
+    let found = score(&sequence.body.tree, &sequence.joints, &follow(&sequence, Settings::of(Method::Report)));
     assert!((0.70..1.17).contains(&found.mean_cm), "{found:?}");
 }

@@ -3,6 +3,7 @@
 use super::body::Body;
 use super::expect::Cloud;
 use crate::solve::ik::{Rigid, Vec3};
+use rayon::prelude::*;
 
 /// Points of a cloud in boxes, as far as they are near a body.
 #[derive(Clone, Debug)]
@@ -14,7 +15,12 @@ pub struct Beside<'a> {
     /// Where the points of each box begin in `order`.
     starts: Vec<u32>,
     order: Vec<u32>,
+    /// Where all points face, if they do.
+    side: Option<Vec3>,
 }
+
+/// A surface faces a camera if the cosine between its normal and the direction to the camera is larger than this.
+const FACING: f64 = 0.2;
 
 /// The most boxes along one axis: what is farther apart shares boxes.
 const MOST_BOXES: f64 = 120.0;
@@ -35,7 +41,7 @@ impl<'a> Beside<'a> {
         most += Vec3::repeat(size_cm);
         let size_cm = size_cm.max((most - least).max() / MOST_BOXES);
         let counts: [usize; 3] = std::array::from_fn(|k| ((most[k] - least[k]) / size_cm) as usize + 1);
-        let mut beside = Self { cloud, least, size_cm, counts, starts: vec![0; counts.iter().product::<usize>() + 1], order: Vec::new() };
+        let mut beside = Self { cloud, least, size_cm, counts, starts: vec![0; counts.iter().product::<usize>() + 1], order: Vec::new(), side: cloud.side() };
         let boxes: Vec<Option<usize>> = cloud.points.iter().map(|x| beside.at(x)).collect();
         for at in boxes.iter().flatten() {
             beside.starts[at + 1] += 1;
@@ -52,6 +58,11 @@ impl<'a> Beside<'a> {
             }
         }
         beside
+    }
+
+    /// True if a surface with this normal may be seen at all.
+    pub fn faces(&self, normal: &Vec3) -> bool {
+        self.side.is_none_or(|side| side.dot(normal) > FACING || *normal == Vec3::zeros())
     }
 
     /// The box of a point, along each axis.
@@ -96,16 +107,20 @@ impl<'a> Beside<'a> {
     }
 }
 
-/// For each part, the share of its vertices with a compatible point within `reach_cm`; NaN for parts without vertices.
+/// For each part, the share of its vertices with a compatible point within `reach_cm`; NaN for parts without vertices. Where all points face one side,
+/// vertices that face another one do not count, and a part that has no others is not covered.
 pub fn coverage(body: &Body, posed: &[Rigid], beside: &Beside<'_>, cosine: f64, reach_cm: f64) -> Vec<f64> {
-    let share = |part: usize, surface: &Vec<u32>| {
-        let rigid = &posed[part];
+    let share = |(surface, rigid): (&Vec<u32>, &Rigid)| {
         let most = reach_cm * reach_cm;
-        let covered = surface.iter().filter(|&&vertex| {
-            let (x, normal) = (&body.vertices[vertex as usize], &body.normals[vertex as usize]);
-            beside.square(&rigid.point(x), &(rigid.rotation * normal), cosine, most) < most
-        });
-        covered.count() as f64 / surface.len() as f64
+        let (mut covered, mut all) = (0_usize, 0_usize);
+        for &vertex in surface {
+            let normal = rigid.rotation * body.normals[vertex as usize];
+            if beside.faces(&normal) {
+                all += 1;
+                covered += usize::from(beside.square(&rigid.point(&body.vertices[vertex as usize]), &normal, cosine, most) < most);
+            }
+        }
+        if surface.is_empty() { f64::NAN } else { covered as f64 / all.max(1) as f64 }
     };
-    body.surfaces.iter().enumerate().map(|(part, surface)| share(part, surface)).collect()
+    body.surfaces.par_iter().zip(posed).map(share).collect()
 }

@@ -15,6 +15,15 @@ pub struct Cloud {
     pub normals: Vec<Vec3>,
 }
 
+impl Cloud {
+    /// The direction that all points face, more or less, if they do: a single camera sees one side only.
+    pub fn side(&self) -> Option<Vec3> {
+        let sum: Vec3 = self.normals.iter().sum();
+        let known = self.normals.iter().filter(|normal| **normal != Vec3::zeros()).count();
+        (sum.norm() > ONE_SIDED * known as f64).then(|| sum.normalize())
+    }
+}
+
 /// The mixture of a body's parts and a uniform class for what belongs to none.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mixture {
@@ -47,6 +56,8 @@ pub struct Expected {
     pub squares: Vec<f64>,
 }
 
+/// Points are seen from one side if their mean normal is longer than this; half of a ball has 0.5.
+const ONE_SIDED: f64 = 0.3;
 /// Points of one task. A constant, so that sums do not depend on the number of cores.
 const CHUNK: usize = 256;
 /// More than what distances are rounded by.

@@ -50,8 +50,25 @@ pub fn limbs(body: &Body) -> Vec<Limb> {
     limbs
 }
 
-/// What a pose costs: how far points are from the surface, and the surface from points, squared and capped, cm².
-pub fn cost(body: &Body, nearest: &dyn Nearest, cloud: &Cloud, beside: &Beside<'_>, posed: &[Rigid], cosine: f64) -> f64 {
+/// What a pose costs, squared and capped, cm².
+#[derive(Clone, Copy, Debug)]
+pub struct Cost {
+    /// How far points are from the surface.
+    points: f64,
+    /// How far the surface is from points.
+    surface: f64,
+}
+
+impl Cost {
+    /// True if it is less than this share of another cost. Less has to be left over of the points, too: a limb that nobody sees can be laid on
+    /// what others explain already.
+    pub fn below(&self, share: f64, other: &Self) -> bool {
+        self.points + self.surface < share * (other.points + other.surface) && self.points < (1.0 - (1.0 - share) / 2.0) * other.points
+    }
+}
+
+/// What a pose costs.
+pub fn cost(body: &Body, nearest: &dyn Nearest, cloud: &Cloud, beside: &Beside<'_>, posed: &[Rigid], cosine: f64) -> Cost {
     let cap = FAR_CM * FAR_CM;
     let every = (cloud.points.len() / POINTS).max(1);
     let (mut sum, mut count) = (0.0, 0.0);
@@ -63,12 +80,14 @@ pub fn cost(body: &Body, nearest: &dyn Nearest, cloud: &Cloud, beside: &Beside<'
     let (mut sum, mut count) = (0.0, 0.0);
     for (surface, rigid) in body.surfaces.iter().zip(posed) {
         for &vertex in surface.iter().step_by((surface.len() / VERTICES).max(1)) {
-            let (x, normal) = (&body.vertices[vertex as usize], &body.normals[vertex as usize]);
-            sum += beside.square(&rigid.point(x), &(rigid.rotation * normal), cosine, cap);
-            count += 1.0;
+            let normal = rigid.rotation * body.normals[vertex as usize];
+            if beside.faces(&normal) {
+                sum += beside.square(&rigid.point(&body.vertices[vertex as usize]), &normal, cosine, cap);
+                count += 1.0;
+            }
         }
     }
-    points + sum / f64::max(count, 1.0)
+    Cost { points, surface: sum / f64::max(count, 1.0) }
 }
 
 /// The squared distance of a point from the nearest compatible vertex of the parts that are asked, cm²; `cap` if there is none nearer.

@@ -5,7 +5,7 @@ use super::coverage::{Beside, coverage};
 use super::expect::{Cloud, Expectation, Mixture};
 use super::nearest::{Boxes, Nearest};
 use super::record::{Round, Tracked, Way};
-use super::search::{Limb, cost, left_over, limbs, reach};
+use super::search::{Cost, Limb, cost, left_over, limbs, reach};
 use super::settings::{Method, Settings};
 use super::usual::Usual;
 use crate::solve::ik::terms::{At, Limits, Planes, Points, Pull};
@@ -34,6 +34,12 @@ const REACH_CM: f64 = 3.0;
 const TRIED: usize = 4;
 /// How often all missing limbs are gone through.
 const SEARCHES: usize = 2;
+/// A search that found nothing is repeated after twice as many frames as before, at most this many.
+const MOST_REST: usize = 3;
+/// Frames in which something is lost wait for a frame in which it is found, at most this many ...
+const HELD: usize = 60;
+/// ... with this many points in all.
+const HELD_POINTS: usize = 1_000_000;
 /// Another explanation of a cloud is taken if its cost is below this share of the present one's.
 const CLEARLY: f64 = 0.93;
 
@@ -48,8 +54,14 @@ pub struct Tracker<'a> {
     before: Option<Pose>,
     /// Frames without a cloud since then.
     dark: usize,
+    /// Frames that wait because something is lost in them, or nothing yet.
+    held: Vec<Tracked>,
     /// What was lost in the last frame.
     lost: Vec<bool>,
+    /// Limbs that were missing when a search last found nothing; frames until the next one, and until the one after that.
+    sought: Vec<bool>,
+    rest: usize,
+    patience: usize,
     limbs: Vec<Limb>,
     usual: Usual,
     fit: Fit,
@@ -86,15 +98,19 @@ impl<'a> Tracker<'a> {
             last: start,
             before: None,
             dark: 0,
+            held: Vec::new(),
             lost: vec![false; tree.joints()],
+            sought: Vec::new(),
+            rest: 0,
+            patience: 0,
             limbs: limbs(body),
             usual: Usual::default(),
             fit,
         }
     }
 
-    /// The next frame; `None` if there is no cloud of it. Returns the frames that are done: those without a cloud wait for the next one that has one,
-    /// because what they are led to says more about them than what they come from.
+    /// The next frame; `None` if there is no cloud of it. Returns the frames that are done, in order. Some wait for later ones, which say more about
+    /// them than earlier ones do: frames without a cloud for the next one that has one, and frames in which something is lost until it is found.
     pub fn push(&mut self, cloud: Option<Cloud>) -> Vec<Tracked> {
         let Some(cloud) = cloud.filter(|cloud| !cloud.points.is_empty()) else {
             self.dark += 1;
@@ -109,20 +125,70 @@ impl<'a> Tracker<'a> {
         let tracked = self.frame(&Arc::new(cloud), sigma_cm);
         let mut motion = vec![0.0; self.body.tree.freedom()];
         tracked.pose.since(&self.body.tree, &self.last, &mut motion);
-        let mut done: Vec<Tracked> =
-            (1..=dark).map(|frame| self.between(&motion, frame as f64 / (dark + 1) as f64, &tracked.lost)).collect();
+        for frame in 1..=dark {
+            let between = self.between(&motion, frame as f64 / (dark + 1) as f64, &tracked.lost);
+            self.held.push(between);
+        }
         let last = std::mem::replace(&mut self.last, tracked.pose.clone());
         self.before = (dark == 0).then_some(last);
-        self.lost.clone_from(&tracked.lost);
-        done.push(tracked);
-        done
+        self.held.push(tracked);
+        if self.settings.method == Method::Planes {
+            self.go_back();
+        }
+        self.release()
     }
 
     /// The frames that are still kept back: those without a cloud at the end stay where the body was last.
     pub fn finish(&mut self) -> Vec<Tracked> {
         let still = vec![0.0; self.body.tree.freedom()];
-        let lost = self.lost.clone();
-        (0..std::mem::take(&mut self.dark)).map(|_| self.between(&still, 0.0, &lost)).collect()
+        let lost = self.held.last().map_or_else(|| self.lost.clone(), |last| last.lost.clone());
+        let dark = (0..std::mem::take(&mut self.dark)).map(|_| self.between(&still, 0.0, &lost));
+        let dark: Vec<Tracked> = dark.collect();
+        self.held.drain(..).chain(dark).collect()
+    }
+
+    /// Takes from the frames that wait those that have no reason to, or would be too many.
+    fn release(&mut self) -> Vec<Tracked> {
+        let done = if self.settings.method == Method::Planes && self.held.last().is_some_and(|last| last.lost.contains(&true)) {
+            let points = |frame: &Tracked| frame.cloud.as_ref().map_or(0, |cloud| cloud.points.len());
+            let mut room = HELD_POINTS;
+            let kept = self.held.iter().rev().take(HELD).take_while(|frame| {
+                let fits = points(frame) <= room;
+                room = room.saturating_sub(points(frame));
+                fits
+            });
+            self.held.len() - kept.count()
+        } else {
+            self.held.len()
+        };
+        self.lost = self.held.last().map_or_else(|| self.lost.clone(), |last| last.lost.clone());
+        self.held.drain(..done).collect()
+    }
+
+    /// Where the last frame has found what was lost in those before it, they are followed backwards from there, as long as that explains them better.
+    fn go_back(&mut self) {
+        let Some((now, earlier)) = self.held.split_last() else { return };
+        let found = |frame: &Tracked| frame.lost.iter().zip(&now.lost).any(|(then, now)| *then && !*now);
+        let from = earlier.iter().rposition(|frame| !found(frame) || frame.cloud.is_none()).map_or(0, |at| at + 1);
+        let (last, before) = (self.last.clone(), self.before.take());
+        let mut back = earlier.len();
+        while back > from {
+            let Some(cloud) = self.held[back - 1].cloud.clone() else { break };
+            let expected = self.expected();
+            let mut other = self.follow(expected.clone(), &expected, &cloud, self.settings.sigma0_cm);
+            if !self.cost(&other, &cloud).below(1.0, &self.cost(&self.held[back - 1], &cloud)) {
+                break;
+            }
+            back -= 1;
+            other.lost = self.usual.lost(&other, &self.limbs);
+            self.before = Some(std::mem::replace(&mut self.last, other.pose.clone()));
+            self.held[back] = Tracked { way: Way::Searched, ..other };
+        }
+        self.last = last;
+        self.before = before;
+        if back + 1 < self.held.len() {
+            self.before = Some(self.held[self.held.len() - 2].pose.clone());
+        }
     }
 
     /// Where motion leads.
@@ -161,8 +227,21 @@ impl<'a> Tracker<'a> {
         let expected = self.expected();
         let pose = expected.clone();
         let mut tracked = self.follow(pose, &expected, cloud, sigma0_cm);
+        let first = self.usual.is_empty();
+        if first {
+            self.usual.begin(&tracked);
+        }
         if self.settings.method == Method::Planes && self.usual.troubled(&tracked, &self.limbs) {
-            tracked = self.search(tracked, &expected, cloud);
+            if self.worth_a_search(&tracked) {
+                tracked = self.search(tracked, &expected, cloud);
+                self.patience = if tracked.way == Way::Searched { 0 } else { (2 * self.patience + 1).min(MOST_REST) };
+                self.rest = self.patience;
+            }
+        } else {
+            (self.rest, self.patience) = (0, 0);
+        }
+        if first {
+            self.usual.begin(&tracked);
         }
         tracked.lost = self.usual.lost(&tracked, &self.limbs);
         self.usual.learn(&tracked);
@@ -190,9 +269,21 @@ impl<'a> Tracker<'a> {
     }
 
     /// What a tracked frame costs.
-    fn cost(&self, tracked: &Tracked, cloud: &Cloud) -> f64 {
+    fn cost(&self, tracked: &Tracked, cloud: &Cloud) -> Cost {
         let beside = Beside::new(cloud, self.body.posed(&tracked.parts), 5.0);
         cost(self.body, self.nearest.as_ref(), cloud, &beside, &tracked.parts, self.settings.cosine)
+    }
+
+    /// False as long as the same limbs are missing as in the last search, and that was not long ago: what nobody sees is not found by looking again.
+    fn worth_a_search(&mut self, tracked: &Tracked) -> bool {
+        let missing: Vec<bool> = self.limbs.iter().map(|limb| self.usual.missing(tracked, limb)).collect();
+        let more = missing.iter().enumerate().any(|(limb, missing)| *missing && self.sought.get(limb) != Some(&true));
+        self.rest = self.rest.saturating_sub(1);
+        let worth = self.rest == 0 || more;
+        if worth {
+            self.sought = missing;
+        }
+        worth
     }
 
     /// Tries other ways to explain a cloud that was not explained well.
@@ -223,9 +314,9 @@ impl<'a> Tracker<'a> {
     }
 
     /// Takes another explanation if it is clearly better.
-    fn take(&self, best: &mut (f64, Tracked), other: Tracked, cloud: &Cloud) -> bool {
+    fn take(&self, best: &mut (Cost, Tracked), other: Tracked, cloud: &Cloud) -> bool {
         let cost = self.cost(&other, cloud);
-        let better = cost < CLEARLY * best.0;
+        let better = cost.below(CLEARLY, &best.0);
         if better {
             *best = (cost, Tracked { way: Way::Searched, ..other });
         }

@@ -9,6 +9,10 @@ use super::search::Limb;
 const SUSPECT: f64 = 0.7;
 /// It is lost if, after all that was tried, it stays below this share.
 const LOST: f64 = 0.5;
+/// So is a single part of it below this share: a foot may be far away while its thigh and shank are where they were.
+const PART_LOST: f64 = 0.25;
+/// Of the first frame nobody knows what is usual: what has less than this share of the coverage of the better parts is not.
+const FIRST: f64 = 0.8;
 /// Something is wrong if the share of points that belong to the body falls below this share of the usual.
 const FEWER: f64 = 0.8;
 /// With less than this share of points or of the surface, a body is nowhere near.
@@ -28,6 +32,26 @@ pub(super) struct Usual {
 }
 
 impl Usual {
+    /// Begins with what the first frame shows. What it shows little of is taken to be elsewhere, not to be usual.
+    pub fn begin(&mut self, tracked: &Tracked) {
+        let mut known: Vec<f64> = tracked.coverage.iter().copied().filter(|share| share.is_finite()).collect();
+        known.sort_by(f64::total_cmp);
+        let better = known.get(known.len() * 3 / 4).copied().unwrap_or_default();
+        self.inliers = tracked.inliers;
+        self.coverage = tracked.coverage.iter().map(|share| share.max(FIRST * better)).collect();
+    }
+
+    /// True before the first frame.
+    pub fn is_empty(&self) -> bool {
+        self.coverage.is_empty()
+    }
+
+    /// True if a part has next to nothing of what is usual for it.
+    fn bare(&self, tracked: &Tracked, joint: usize) -> bool {
+        let usual = self.coverage.get(joint).copied().unwrap_or_default();
+        usual > LITTLE && tracked.coverage[joint] < PART_LOST * usual
+    }
+
     /// How much of a limb is covered, against what is usual.
     fn lacks(&self, tracked: &Tracked, limb: &Limb) -> f64 {
         if self.coverage.is_empty() {
@@ -43,7 +67,7 @@ impl Usual {
 
     /// True if a limb may be elsewhere.
     pub fn missing(&self, tracked: &Tracked, limb: &Limb) -> bool {
-        self.lacks(tracked, limb) < SUSPECT
+        self.lacks(tracked, limb) < SUSPECT || limb.joints.iter().any(|&joint| self.bare(tracked, joint))
     }
 
     /// True if a frame looks as if something was lost.
@@ -55,8 +79,10 @@ impl Usual {
     pub fn lost(&self, tracked: &Tracked, limbs: &[Limb]) -> Vec<bool> {
         let all = nowhere(tracked) || tracked.inliers < LOST * self.inliers;
         let mut lost = vec![all; tracked.coverage.len()];
-        for limb in limbs.iter().filter(|limb| self.lacks(tracked, limb) < LOST) {
-            for &joint in &limb.joints {
+        for limb in limbs {
+            // where a part is lost, so is what hangs on it
+            let first = if self.lacks(tracked, limb) < LOST { Some(0) } else { limb.joints.iter().position(|&joint| self.bare(tracked, joint)) };
+            for &joint in first.map_or(&[][..], |first| &limb.joints[first..]) {
                 lost[joint] = true;
             }
         }
@@ -68,21 +94,16 @@ impl Usual {
         if nowhere(tracked) {
             return;
         }
-        if self.coverage.is_empty() {
-            self.inliers = tracked.inliers;
-            self.coverage.clone_from(&tracked.coverage);
-        } else {
-            // what is worse than usual counts little: it may be the beginning of a loss
-            let follow = |usual: &mut f64, now: f64| {
-                if now.is_finite() {
-                    *usual += (now - *usual) * if now > *usual { UP } else { DOWN }
-                }
-            };
-            follow(&mut self.inliers, tracked.inliers);
-            for ((usual, now), lost) in self.coverage.iter_mut().zip(&tracked.coverage).zip(&tracked.lost) {
-                if !lost {
-                    follow(usual, *now);
-                }
+        // what is worse than usual counts little: it may be the beginning of a loss
+        let follow = |usual: &mut f64, now: f64| {
+            if now.is_finite() {
+                *usual += (now - *usual) * if now > *usual { UP } else { DOWN }
+            }
+        };
+        follow(&mut self.inliers, tracked.inliers);
+        for ((usual, now), lost) in self.coverage.iter_mut().zip(&tracked.coverage).zip(&tracked.lost) {
+            if !lost {
+                follow(usual, *now);
             }
         }
     }
