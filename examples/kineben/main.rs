@@ -73,7 +73,8 @@ fn print(args: &Args, out: &mut dyn Write) -> Result<(), String> {
                 let first = score.first_lost.map_or_else(String::new, |frame| format!(", first lost: {frame}"));
                 let searched = 100.0 * score.searched;
                 let told = format!("astray in silence {:.2} %, false alarms {:.2} %", 100.0 * score.silent, 100.0 * score.false_alarms);
-                let _ = writeln!(io::stderr(), "{name}, {method:?}: searched in {searched:.1} %{first}; {told}; joints: {}", joints.join(" "));
+                let _ =
+                    writeln!(io::stderr(), "{name}, {method:?}: searched in {searched:.1} %{first}; {told}; joints: {}", joints.join(" "));
             }
             cells(score)
         });

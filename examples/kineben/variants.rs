@@ -63,7 +63,14 @@ pub const ALL: &[Variant] = &[
     Variant { name: "gym, hull of 4 cameras, another body", seed: 7, view: View::Hull(4), ..GYM },
     Variant { name: "gym, one depth camera, another body", seed: 7, view: View::Depth, ..GYM },
     Variant { name: "walk, one depth camera", view: View::Depth, ..WALK },
-    Variant { name: "gym, 10 mm, holes, outliers, 15 Hz, another body", seed: 7, rate_hz: 15.0, frames: 126, view: View::Scan(NOISY), ..GYM },
+    Variant {
+        name: "gym, 10 mm, holes, outliers, 15 Hz, another body",
+        seed: 7,
+        rate_hz: 15.0,
+        frames: 126,
+        view: View::Scan(NOISY),
+        ..GYM
+    },
     Variant { name: "gym, one depth camera, 15 Hz", rate_hz: 15.0, frames: 126, view: View::Depth, ..GYM },
     Variant { name: "gym, 15 Hz", rate_hz: 15.0, frames: 126, ..GYM },
     Variant { name: "gym, hull of 8 cameras, 15 Hz", rate_hz: 15.0, frames: 126, view: View::Hull(8), ..GYM },

@@ -4,6 +4,7 @@
 
 pub mod bvh;
 pub mod map;
+mod sound;
 mod spine;
 pub mod wearer;
 
@@ -14,9 +15,10 @@ use crate::solve::ik::terms::Limits;
 use crate::solve::ik::{Pose, State, Tree, Vec3};
 use crate::solve::track::Body;
 use formats::rig::{AngleUnit, JointKind, Skeleton, read_limits, read_mesh, read_parts, read_skeleton, skeleton_of_bvh};
-use formats::{Direction, FormatError, Note, Notes};
+use formats::{Direction, FormatError, Note, Notes, printable};
 use nalgebra::UnitQuaternion;
 use sha2::{Digest, Sha256};
+use sound::{apart, inside_out};
 use spine::add_spine;
 use std::path::{Path, PathBuf};
 
@@ -148,8 +150,10 @@ pub fn read_rig(files: &RigFiles) -> Result<Rig, RepairError> {
     let scaled = |x: &[f64; 3]| Vec3::from(*x) * unit.cm();
     let normals = mesh.normals.iter().map(|x| Vec3::from(*x)).collect();
     let vertices = mesh.vertices.iter().map(scaled).collect();
+    let mut body = Body::new(Tree::new(&skeleton, unit.cm()), vertices, normals, mesh.faces, parts);
+    belong_together(&mut body, &skeleton, files, &notes)?;
     Ok(Rig {
-        body: Body::new(Tree::new(&skeleton, unit.cm()), vertices, normals, mesh.faces, parts),
+        body,
         limits: limits.map(|limits| Limits::new(&limits, files.swing_twist, unit.cm())),
         start: start(&skeleton, unit),
         unit,
@@ -157,6 +161,42 @@ pub fn read_rig(files: &RigFiles) -> Result<Rig, RepairError> {
         files: sources.iter().map(|(what, name, sha256, _)| (*what, name.clone(), sha256.clone())).collect(),
         skeleton,
     })
+}
+
+/// Refuses a skeleton that is not where the surface is, and turns a surface that is inside out.
+fn belong_together(body: &mut Body, skeleton: &Skeleton, files: &RigFiles, notes: &Notes) -> Result<(), RepairError> {
+    let (apart, all) = apart(body);
+    if let Some((joint, distance)) = apart.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)) {
+        let name = printable(&skeleton.joints[joint].name).to_string();
+        let (count, distance) = (apart.len(), short(distance));
+        let problem = format!(
+            "{count} of {all} joints are nowhere near the part that they move, {name} is {distance} cm away from the nearest vertex"
+        );
+        if 2 * apart.len() > all {
+            let problem = format!(
+                "{problem}: skeleton and surface do not belong together, or not in these units or places; \
+                 both have to be in the same reference pose (a BVH skeleton with the root where the body has it)"
+            );
+            return Err(RepairError::Io { path: files.skeleton.clone(), problem });
+        }
+        notes
+            .add(Note::Assumed { text: format!("{problem}; are parts named in the order of the vertices, left and right not exchanged?") });
+    }
+    if inside_out(body) {
+        body.turn_normals();
+        let text =
+            "the normals of the surface point inwards, they are turned (faces have to be wound counter-clockwise, seen from outside)";
+        notes.add(Note::Assumed { text: text.to_owned() });
+    }
+    if let Some(unit) = files.unit
+        && !PERSON_CM.contains(&body.size_cm())
+    {
+        let (size, least, most) = (short(body.size_cm()), PERSON_CM.start(), PERSON_CM.end());
+        let symbol = unit.symbol();
+        let text = format!("in {symbol} the body is {size} cm tall, and what tracking expects is made for people of {least} to {most} cm");
+        notes.add(Note::Assumed { text });
+    }
+    Ok(())
 }
 
 /// The axis along which a body stands: y or z, whichever side is longer. Arms may reach farther than a body is tall, so x is no candidate.

@@ -12,11 +12,14 @@ use crate::log::{Attachment, Ended, LogError, TrackAbout, TrackLog};
 use crate::output::{Names, check_motion_name, put_in_place, unwritable};
 use crate::page::{Page, TrackFigure};
 use crate::repair::RepairError;
+use crate::report::short;
 use crate::rig::bvh::Poses;
 use crate::rig::{Rig, RigFiles, read_rig};
 use crate::solve::Observer;
-use crate::solve::track::{Method, Settings, Tracked, Tracker};
+use crate::solve::ik::Vec3;
+use crate::solve::track::{Body, Cloud, Method, Settings, Tracked, Tracker};
 use crate::staging;
+use formats::Note;
 use formats::bvh::Order;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -71,6 +74,8 @@ pub struct Request {
 struct Followed {
     poses: Poses,
     frames: Vec<Seen>,
+    /// The normals of the clouds point inwards.
+    turned: bool,
     /// What the report to look at draws, if it is wanted.
     figure: Option<TrackFigure>,
     /// Where the log takes frames from.
@@ -92,6 +97,9 @@ pub fn track(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBool
     let (mut followed, log) = follow(request, &rig, &sequence, log, watch, interrupt)?;
     report.took = began.elapsed();
     report.judge(&followed.frames, &rig);
+    if followed.turned {
+        report.notes.push(Note::Assumed { text: "the normals of the clouds point inwards, they are turned".to_owned() });
+    }
     watch.phase("writing and checking the motion");
     write_out(request, &rig, &mut followed, log, report)
 }
@@ -129,6 +137,7 @@ fn follow<'a>(
         // what was pushed comes out in the same order, but perhaps later
         let mut pushed = VecDeque::new();
         let (began, mut told) = (Instant::now(), Instant::now());
+        let mut told_size = false;
         for frame in sequence.read(rig.unit.cm(), scope) {
             if interrupt.load(Ordering::Relaxed) {
                 return Err(Stopped::Interrupted);
@@ -139,6 +148,12 @@ fn follow<'a>(
                 Some(cloud) if cloud.points.is_empty() => Given::Empty,
                 Some(_) => Given::Cloud,
             };
+            if given == Given::Cloud && !told_size {
+                told_size = true;
+                if let Some(problem) = cloud.as_ref().and_then(|cloud| of_another_size(cloud, &rig.body)) {
+                    return Err(Stopped::Failed(RepairError::Io { path: request.clouds.path(number), problem }));
+                }
+            }
             pushed.push_back((number, given));
             followed.take(rig, &mut pushed, tracker.push(cloud));
             if told.elapsed() > TELL_EVERY {
@@ -149,6 +164,7 @@ fn follow<'a>(
             }
         }
         followed.take(rig, &mut pushed, tracker.finish());
+        followed.turned = tracker.turned();
         followed.to_log = None; // which ends the log's thread
         Ok(followed)
     });
@@ -160,6 +176,30 @@ fn follow<'a>(
         }
         Err(Stopped::Failed(error)) => Err(error),
     }
+}
+
+/// A cloud that is this many times as large as the body, or as small, is in another unit.
+const ANOTHER_UNIT: f64 = 5.0;
+
+/// What is wrong with a cloud whose size has nothing to do with that of the body. Half of the points are looked at: others may be far away.
+fn of_another_size(cloud: &Cloud, body: &Body) -> Option<String> {
+    let spread = |points: &[Vec3]| {
+        let median = |mut list: Vec<f64>| {
+            let middle = list.len() / 2;
+            *list.select_nth_unstable_by(middle, f64::total_cmp).1
+        };
+        let middle = Vec3::from_fn(|k, _| median(points.iter().map(|x| x[k]).collect()));
+        median(points.iter().map(|x| (x - middle).norm()).collect())
+    };
+    let (cloud, body) = (spread(&cloud.points), spread(&body.vertices));
+    let alike = cloud < ANOTHER_UNIT * body && body < ANOTHER_UNIT * cloud;
+    (!alike).then(|| {
+        let (cloud, body) = (short(cloud), short(body));
+        format!(
+            "half of the points are within {cloud} cm, but half of the body within {body} cm: the clouds are in another unit than the rig, \
+             or no clouds of it; both have to be in the unit that --unit says"
+        )
+    })
 }
 
 /// Why a sequence was not followed to its end.
@@ -308,5 +348,26 @@ impl Request {
 impl Report {
     fn log_failed(&mut self, path: &Path, error: &LogError) {
         self.log_error = Some(format!("{}: {error}", path.display()));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::demo::actor::Actor;
+    use crate::solve::ik::Tree;
+
+    #[test]
+    fn clouds_in_another_unit_are_noticed() {
+        let actor = Actor::new(1);
+        let points = |list: &[[f64; 3]]| list.iter().map(|x| Vec3::from(*x)).collect::<Vec<_>>();
+        let vertices = points(&actor.mesh.vertices);
+        let body = Body::new(Tree::new(&actor.skeleton, 1.0), vertices.clone(), Vec::new(), Vec::new(), actor.parts.clone());
+        for (scale, alike) in [(0.01, false), (0.1, false), (0.5, true), (1.0, true), (2.0, true), (10.0, false), (0.0, false)] {
+            let mut cloud = Cloud { points: vertices.iter().map(|x| x * scale).collect(), normals: Vec::new() };
+            // other things in the cloud
+            cloud.points.extend((0..500).map(|at| Vec3::new(f64::from(at), 1000.0, 500.0)));
+            assert_eq!(of_another_size(&cloud, &body).is_none(), alike, "{scale}");
+        }
     }
 }

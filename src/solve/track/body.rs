@@ -50,6 +50,13 @@ impl Body {
         scaled
     }
 
+    /// Turns all normals around.
+    pub fn turn_normals(&mut self) {
+        for normal in &mut self.normals {
+            *normal = -*normal;
+        }
+    }
+
     /// Where the vertices are when the parts have moved, cm.
     pub fn posed<'a>(&'a self, parts: &'a [Rigid]) -> impl Iterator<Item = Vec3> + 'a {
         self.vertices.iter().zip(&self.parts).map(|(x, &part)| parts[part].point(x))

@@ -41,7 +41,15 @@ impl<'a> Beside<'a> {
         most += Vec3::repeat(size_cm);
         let size_cm = size_cm.max((most - least).max() / MOST_BOXES);
         let counts: [usize; 3] = std::array::from_fn(|k| ((most[k] - least[k]) / size_cm) as usize + 1);
-        let mut beside = Self { cloud, least, size_cm, counts, starts: vec![0; counts.iter().product::<usize>() + 1], order: Vec::new(), side: cloud.side() };
+        let mut beside = Self {
+            cloud,
+            least,
+            size_cm,
+            counts,
+            starts: vec![0; counts.iter().product::<usize>() + 1],
+            order: Vec::new(),
+            side: cloud.side(),
+        };
         let boxes: Vec<Option<usize>> = cloud.points.iter().map(|x| beside.at(x)).collect();
         for at in boxes.iter().flatten() {
             beside.starts[at + 1] += 1;

@@ -354,7 +354,10 @@ fn poses_do_not_depend_on_the_number_of_cores_nor_on_how_vertices_are_found() {
                 let nearest: Box<dyn Nearest> = if every_vertex { Box::new(Brute(&body)) } else { Box::new(Boxes::new(&body)) };
                 let mut tracker = Tracker::with(&body, nearest, Some(&limits), Pose::reference(&body.tree), Settings::of(method));
                 let frames = (0..4).map(|frame| Some(cloud(&actor, 3 * frame, 1200)));
-                frames.flat_map(|cloud| tracker.push(cloud)).collect::<Vec<_>>()
+                let mut tracked: Vec<Tracked> = frames.flat_map(|cloud| tracker.push(cloud)).collect();
+                tracked.extend(tracker.finish());
+                assert_eq!(tracked.len(), 4);
+                tracked
             })
         };
         let one = follow(1, false);
@@ -419,13 +422,14 @@ fn limbs_that_jump_are_found() {
             let there = posed(&body, &pose);
             assert_eq!(limits.energy(&At { tree: &body.tree, pose: &pose, posed: &there }), 0.0, "{name} by {degrees} is possible");
             let mut tracker = Tracker::new(&body, Some(&limits), Pose::reference(&body.tree), Settings::default());
-            for _ in 0..3 {
-                let tracked = tracker.push(Some(vertices(&body, &still.parts, 4, 0.2, &mut random)));
-                assert_eq!(tracked[0].way, Way::Tracked);
-            }
+            let parts = std::iter::repeat_n(&still, 10).chain(std::iter::repeat_n(&there, 3)).map(|posed| &posed.parts);
+            let mut tracked: Vec<Tracked> =
+                parts.flat_map(|parts| tracker.push(Some(vertices(&body, parts, 4, 0.2, &mut random)))).collect();
+            tracked.extend(tracker.finish());
+            let (before, after) = tracked.split_at(10);
+            assert!(before.iter().all(|tracked| tracked.way == Way::Tracked && farthest(&still.centres, &tracked.centres) < 1.0));
             // in the second frame motion is expected to go on
-            for (frame, most) in [7.0, 5.0, 2.0].into_iter().enumerate() {
-                let tracked = tracker.push(Some(vertices(&body, &there.parts, 4, 0.2, &mut random))).remove(0);
+            for (frame, (tracked, most)) in after.iter().zip([7.0, 5.0, 2.0]).enumerate() {
                 let off = farthest(&there.centres, &tracked.centres);
                 searched += usize::from(tracked.way == Way::Searched);
                 if off > most || tracked.lost.contains(&true) {
@@ -435,4 +439,126 @@ fn limbs_that_jump_are_found() {
         }
     }
     assert!(told.is_empty() && searched >= 6, "{searched} times searched; {told:#?}");
+}
+
+/// Clouds of frames of gymnastics.
+fn gymnastics(actor: &Actor, frames: std::ops::Range<usize>) -> Vec<(Cloud, Vec<Vec3>)> {
+    let frame = |frame: usize| {
+        let pose = actor.pose(Motion::Gym, frame as f64 / 30.0);
+        let mesh = actor.scan(&pose, frame, &ScanOptions { points: 1200, ..ScanOptions::default() });
+        let list = |list: &[[f64; 3]]| list.iter().map(|x| Vec3::from(*x)).collect();
+        let joints = actor.joints(&pose).into_iter().map(Vec3::from).collect();
+        (Cloud { points: list(&mesh.vertices), normals: list(&mesh.normals) }, joints)
+    };
+    frames.map(frame).collect()
+}
+
+/// A body that is in the middle of something when the clouds begin, although its skeleton says that it stands still: it is searched, and where it is
+/// found, the frames before that are followed backwards. What is not right must be told.
+#[test]
+fn a_sequence_may_begin_in_another_pose_than_the_skeleton() {
+    let (mut right, mut parts) = (0, 0);
+    for seed in [1, 7] {
+        let (actor, body, limits) = actor(seed);
+        for first in [20, 40, 60] {
+            let frames = gymnastics(&actor, first..first + 12);
+            let mut tracker = Tracker::new(&body, Some(&limits), Pose::reference(&body.tree), Settings::default());
+            let mut tracked: Vec<Tracked> = frames.iter().flat_map(|(cloud, _)| tracker.push(Some(cloud.clone()))).collect();
+            tracked.extend(tracker.finish());
+            assert_eq!(tracked.len(), frames.len());
+            for (at, (tracked, (_, truth))) in tracked.iter().zip(&frames).enumerate() {
+                for joint in 1..truth.len() {
+                    let off = (truth[joint] - tracked.centres[joint]).norm();
+                    let above = body.tree.links[joint].parent.is_some_and(|parent| tracked.lost[parent]);
+                    assert!(
+                        off < 15.0 || tracked.lost[joint] || above,
+                        "seed {seed}, frame {first} + {at}, joint {joint}: {off} cm in silence"
+                    );
+                    right += usize::from(off < 5.0);
+                    parts += 1;
+                }
+            }
+        }
+    }
+    assert!(20 * right > 19 * parts, "{right} of {parts} joints are where they should be");
+}
+
+#[test]
+fn limbs_that_are_never_seen_are_told() {
+    let (actor, body, limits) = actor(1);
+    let arm: Vec<usize> = ["l_uarm", "l_farm", "l_hand"].iter().map(|name| actor.skeleton.joint(name).unwrap()).collect();
+    let mut tracker = Tracker::new(&body, Some(&limits), Pose::reference(&body.tree), Settings::default());
+    let mut tracked = Vec::new();
+    for frame in 0..12 {
+        let mut cloud = cloud(&actor, frame, 1500);
+        let there = joints(&actor, frame);
+        // what is nearest to the arm is not there
+        let of_arm = |x: &Vec3| {
+            let nearest = (1..there.len()).min_by(|a, b| (x - there[*a]).norm().total_cmp(&(x - there[*b]).norm())).unwrap();
+            arm.contains(&nearest)
+        };
+        let kept: Vec<bool> = cloud.points.iter().map(|x| !of_arm(x)).collect();
+        let mut keep = kept.iter();
+        cloud.points.retain(|_| *keep.next().unwrap());
+        let mut keep = kept.iter();
+        cloud.normals.retain(|_| *keep.next().unwrap());
+        tracked.extend(tracker.push(Some(cloud)));
+    }
+    assert!(tracked.is_empty(), "they wait for a frame in which the arm is found");
+    tracked.extend(tracker.finish());
+    assert_eq!(tracked.len(), 12);
+    for (frame, tracked) in tracked.iter().enumerate() {
+        assert!(arm[1..].iter().all(|&joint| tracked.lost[joint]), "frame {frame}: {:?}", tracked.lost);
+        let others = (1..tracked.lost.len()).filter(|joint| !arm.contains(joint));
+        assert!(others.clone().all(|joint| !tracked.lost[joint]), "frame {frame}: {:?}", tracked.lost);
+    }
+}
+
+/// Frames that wait are not more than fit, and come out in order.
+#[test]
+fn frames_do_not_wait_forever() {
+    let (actor, body, limits) = actor(1);
+    let mut tracker = Tracker::new(&body, Some(&limits), Pose::reference(&body.tree), Settings::default());
+    let far = |frame: usize| {
+        let mut cloud = cloud(&actor, frame, 300);
+        for x in &mut cloud.points {
+            x.x += 1000.0;
+        }
+        cloud
+    };
+    let clouds: Vec<Cloud> = (0..70).map(far).collect();
+    let mut out = Vec::new();
+    for (frame, cloud) in clouds.iter().enumerate() {
+        out.extend(tracker.push(Some(cloud.clone())));
+        assert!(frame + 1 - out.len() <= 60, "{} frames wait", frame + 1 - out.len());
+    }
+    assert_eq!(out.len(), 10);
+    out.extend(tracker.finish());
+    for (tracked, cloud) in out.iter().zip(&clouds) {
+        assert!(tracked.lost.iter().all(|lost| *lost));
+        assert_eq!(tracked.cloud.as_deref(), Some(cloud));
+    }
+    assert_eq!(out.len(), clouds.len());
+}
+
+#[test]
+fn normals_that_point_inwards_are_turned() {
+    let (actor, body, limits) = actor(1);
+    let follow = |sign: f64| {
+        let mut tracker = Tracker::new(&body, Some(&limits), Pose::reference(&body.tree), Settings::default());
+        let mut tracked = Vec::new();
+        for frame in 0..3 {
+            let mut cloud = cloud(&actor, frame, 1200);
+            for normal in &mut cloud.normals {
+                *normal *= sign;
+            }
+            tracked.extend(tracker.push(Some(cloud)));
+        }
+        tracked.extend(tracker.finish());
+        (tracker.turned(), tracked.into_iter().map(|tracked| tracked.pose).collect::<Vec<_>>())
+    };
+    let (one, other) = (follow(1.0), follow(-1.0));
+    assert_eq!((one.0, other.0), (false, true));
+    assert_eq!(one.1.len(), 3);
+    assert_eq!(one.1, other.1);
 }

@@ -40,6 +40,12 @@ const MOST_REST: usize = 3;
 const HELD: usize = 60;
 /// ... with this many points in all.
 const HELD_POINTS: usize = 1_000_000;
+/// The first frames wait for each other: if one of them is somewhere else than expected, it may know better than those before it.
+const FIRST: usize = 10;
+/// Somewhere else is this far, cm.
+const JUMP_CM: f64 = 12.0;
+/// Normals are judged by a cloud if this share of it is where the body is.
+const TELLING: f64 = 0.3;
 /// Another explanation of a cloud is taken if its cost is below this share of the present one's.
 const CLEARLY: f64 = 0.93;
 
@@ -58,6 +64,11 @@ pub struct Tracker<'a> {
     held: Vec<Tracked>,
     /// What was lost in the last frame.
     lost: Vec<bool>,
+    /// Clouds so far, and whether some joint was far from where it was expected in the last one.
+    clouds: usize,
+    jumped: bool,
+    /// True if the normals of the clouds point inwards; absent as long as no cloud has told.
+    turned: Option<bool>,
     /// Limbs that were missing when a search last found nothing; frames until the next one, and until the one after that.
     sought: Vec<bool>,
     rest: usize,
@@ -100,6 +111,9 @@ impl<'a> Tracker<'a> {
             dark: 0,
             held: Vec::new(),
             lost: vec![false; tree.joints()],
+            clouds: 0,
+            jumped: false,
+            turned: None,
             sought: Vec::new(),
             rest: 0,
             patience: 0,
@@ -112,16 +126,25 @@ impl<'a> Tracker<'a> {
     /// The next frame; `None` if there is no cloud of it. Returns the frames that are done, in order. Some wait for later ones, which say more about
     /// them than earlier ones do: frames without a cloud for the next one that has one, and frames in which something is lost until it is found.
     pub fn push(&mut self, cloud: Option<Cloud>) -> Vec<Tracked> {
-        let Some(cloud) = cloud.filter(|cloud| !cloud.points.is_empty()) else {
+        let Some(mut cloud) = cloud.filter(|cloud| !cloud.points.is_empty()) else {
             self.dark += 1;
             return Vec::new();
         };
+        if self.turned.is_none() {
+            self.turned = self.inwards(&cloud);
+        }
+        if self.turned == Some(true) {
+            for normal in &mut cloud.normals {
+                *normal = -*normal;
+            }
+        }
         let dark = std::mem::take(&mut self.dark);
         if dark > 0 {
             // nobody knows how the motion went on
             self.before = None;
         }
         let sigma_cm = (self.settings.sigma0_cm * (dark + 1) as f64).min(WIDE_CM.max(self.settings.sigma0_cm));
+        self.clouds += 1;
         let tracked = self.frame(&Arc::new(cloud), sigma_cm);
         let mut motion = vec![0.0; self.body.tree.freedom()];
         tracked.pose.since(&self.body.tree, &self.last, &mut motion);
@@ -147,9 +170,27 @@ impl<'a> Tracker<'a> {
         self.held.drain(..).chain(dark).collect()
     }
 
+    /// True if the normals of the clouds point inwards. They are turned around before a frame is followed.
+    pub fn turned(&self) -> bool {
+        self.turned == Some(true)
+    }
+
+    /// Whether normals of a cloud point inwards: whether the body where it was explains clearly more of it that way. `None` if that tells nothing.
+    fn inwards(&mut self, cloud: &Cloud) -> Option<bool> {
+        self.fit.posed.set(&self.body.tree, &self.last);
+        let explained = |cloud: &Cloud| {
+            let left = left_over(self.body, self.nearest.as_ref(), cloud, &self.fit.posed.parts, self.settings.cosine, |_| true);
+            1.0 - left.points.len() as f64 / cloud.points.len() as f64
+        };
+        let turned = Cloud { points: cloud.points.clone(), normals: cloud.normals.iter().map(|normal| -normal).collect() };
+        let (as_it_is, turned) = (explained(cloud), explained(&turned));
+        (as_it_is.max(turned) > TELLING).then_some(turned > 2.0 * as_it_is)
+    }
+
     /// Takes from the frames that wait those that have no reason to, or would be too many.
     fn release(&mut self) -> Vec<Tracked> {
-        let done = if self.settings.method == Method::Planes && self.held.last().is_some_and(|last| last.lost.contains(&true)) {
+        let wait = self.clouds < FIRST || self.held.last().is_some_and(|last| last.lost.contains(&true));
+        let done = if self.settings.method == Method::Planes && wait {
             let points = |frame: &Tracked| frame.cloud.as_ref().map_or(0, |cloud| cloud.points.len());
             let mut room = HELD_POINTS;
             let kept = self.held.iter().rev().take(HELD).take_while(|frame| {
@@ -168,7 +209,8 @@ impl<'a> Tracker<'a> {
     /// Where the last frame has found what was lost in those before it, they are followed backwards from there, as long as that explains them better.
     fn go_back(&mut self) {
         let Some((now, earlier)) = self.held.split_last() else { return };
-        let found = |frame: &Tracked| frame.lost.iter().zip(&now.lost).any(|(then, now)| *then && !*now);
+        let jumped = self.jumped && self.clouds <= FIRST;
+        let found = |frame: &Tracked| jumped || frame.lost.iter().zip(&now.lost).any(|(then, now)| *then && !*now);
         let from = earlier.iter().rposition(|frame| !found(frame) || frame.cloud.is_none()).map_or(0, |at| at + 1);
         let (last, before) = (self.last.clone(), self.before.take());
         let mut back = earlier.len();
@@ -243,6 +285,9 @@ impl<'a> Tracker<'a> {
         if first {
             self.usual.begin(&tracked);
         }
+        self.fit.posed.set(&self.body.tree, &expected);
+        let far = self.fit.posed.centres.iter().zip(&tracked.centres).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
+        self.jumped = far > JUMP_CM;
         tracked.lost = self.usual.lost(&tracked, &self.limbs);
         self.usual.learn(&tracked);
         tracked

@@ -81,7 +81,8 @@ impl Usual {
         let mut lost = vec![all; tracked.coverage.len()];
         for limb in limbs {
             // where a part is lost, so is what hangs on it
-            let first = if self.lacks(tracked, limb) < LOST { Some(0) } else { limb.joints.iter().position(|&joint| self.bare(tracked, joint)) };
+            let first =
+                if self.lacks(tracked, limb) < LOST { Some(0) } else { limb.joints.iter().position(|&joint| self.bare(tracked, joint)) };
             for &joint in first.map_or(&[][..], |first| &limb.joints[first..]) {
                 lost[joint] = true;
             }
@@ -101,9 +102,9 @@ impl Usual {
             }
         };
         follow(&mut self.inliers, tracked.inliers);
-        for ((usual, now), lost) in self.coverage.iter_mut().zip(&tracked.coverage).zip(&tracked.lost) {
-            if !lost {
-                follow(usual, *now);
+        for (part, now) in tracked.coverage.iter().enumerate() {
+            if !tracked.lost[part] {
+                follow(&mut self.coverage[part], *now);
             }
         }
     }
