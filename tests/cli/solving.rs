@@ -307,7 +307,12 @@ fn gaps_are_filled_from_the_body() {
         (gaps.iter().map(square).sum::<f64>() / gaps.len() as f64).sqrt()
     };
     let command = [&["in.c3d", "-o", "out.c3d", "--method", "skeleton", "--map", "map.csv", "--fills", "fills.csv"], &BODY[..]].concat();
-    lab.run(&command).with_code(0);
+    let told = lab.run(&[&command[..], &["--explain"]].concat()).with_code(0).sentences();
+    for (part, neighbour) in [("l_thigh", "actor:l_thigh_"), ("r_farm", "actor:r_farm_")] {
+        let gap = told.split("\ngap ").skip(1).find(|gap| gap.contains(&format!("actor:{part}_0,"))).unwrap();
+        assert!(gap.contains(&format!("pose of {part}")) && gap.contains("judged by"), "{gap}");
+        assert!(gap.lines().any(|line| line.contains("neighbours") && line.contains(neighbour)), "{gap}");
+    }
     lab.run(&["in.c3d", "-o", "spline.c3d", "--method", "spline", "--no-log"]).with_code(0);
     let (skeleton, spline) = (rms_mm("out.c3d"), rms_mm("spline.c3d"));
     assert!(skeleton < 15.0 && skeleton < 0.5 * spline, "skeleton {skeleton} mm, spline {spline} mm");
