@@ -290,7 +290,7 @@ fn frames_without_points_are_predicted_and_told() {
     assert!(worst_cm(&lab, 0..FRAMES) < 1.0);
     let table = lab.text("out.frames.csv");
     let row = table.lines().find(|line| line.starts_with("10,")).unwrap();
-    assert!(row.starts_with("10,predicted,0,0,,,,,"), "{row}");
+    assert_eq!(row, "10,predicted,0,0,,,,,,,0,,,0");
     let log = lab.read("out.mcap");
     let notes = messages::<mocap_repair::log::schema::foxglove::Log>(&log, "/log");
     let told: Vec<(u64, &str)> = notes.iter().map(|(time, note)| (*time, note.message.as_str())).collect();
