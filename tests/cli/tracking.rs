@@ -263,6 +263,25 @@ fn the_report_shows_what_became_of_the_frames() {
             assert!(value.is_null() || (value.as_f64().unwrap() - told.parse::<f64>().unwrap()).abs() < 0.051, "{value}: {row}");
         }
     }
+    // parts and rounds are those of the table, too
+    let by_part = &followed["by_part"];
+    assert_eq!(by_part["markers"], serde_json::json!([1, 2]), "the root moves no vertex");
+    for (at, row) in table.lines().skip(1).enumerate() {
+        let cells: Vec<&str> = row.split(',').collect();
+        let rounds = by_part["rounds"][at].as_array().unwrap();
+        assert_eq!(rounds.len().to_string(), cells[3], "{row}");
+        if let Some(last) = rounds.last() {
+            assert!((last[1].as_f64().unwrap() - cells[5].parse::<f64>().unwrap()).abs() < 6e-4, "{last}: {row}");
+        }
+        for part in 0..2 {
+            for (values, column, unit, step) in [("coverage", 8 + 3 * part, 100.0, 0.51), ("residual_cm", 9 + 3 * part, 1.0, 0.0051)] {
+                let value = &by_part[values][part][at];
+                assert_eq!(value.is_null(), cells[column].is_empty(), "{row}");
+                let told = cells[column].parse::<f64>().unwrap_or_default();
+                assert!((value.as_f64().unwrap_or_default() - unit * told).abs() < step, "{value}: {row}");
+            }
+        }
+    }
     let streams: Vec<&str> = page["streams"].as_array().unwrap().iter().map(|stream| stream["name"].as_str().unwrap()).collect();
     assert!(streams.contains(&"cloud"), "{streams:?}");
     let ran = run(&lab, &["--json", "--report", "out.html", "--force"]).with_code(3);
