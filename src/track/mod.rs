@@ -17,6 +17,7 @@ use crate::rig::{Rig, RigFiles, read_rig};
 use crate::solve::Observer;
 use crate::solve::track::{Method, Settings, Tracked, Tracker};
 use crate::staging;
+use formats::Note;
 use formats::bvh::Order;
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -71,6 +72,8 @@ pub struct Request {
 struct Followed {
     poses: Poses,
     frames: Vec<Seen>,
+    /// What was assumed or found odd in clouds, each once.
+    notes: Vec<Note>,
     /// What the report to look at draws, if it is wanted.
     figure: Option<TrackFigure>,
     /// Where the log takes frames from.
@@ -91,6 +94,7 @@ pub fn track(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBool
     let log = start_log(request, &rig, &sequence, &mut report);
     let (mut followed, log) = follow(request, &rig, &sequence, log, watch, interrupt)?;
     report.took = began.elapsed();
+    report.notes.append(&mut followed.notes);
     report.judge(&followed.frames, &rig);
     watch.phase("writing and checking the motion");
     write_out(request, &rig, &mut followed, log, report)
@@ -133,7 +137,8 @@ fn follow<'a>(
             if interrupt.load(Ordering::Relaxed) {
                 return Err(Stopped::Interrupted);
             }
-            let Frame { number, cloud } = frame.map_err(Stopped::Failed)?;
+            let Frame { number, cloud, notes } = frame.map_err(Stopped::Failed)?;
+            followed.note(notes);
             let given = match &cloud {
                 None => Given::Missing,
                 Some(cloud) if cloud.points.is_empty() => Given::Empty,
@@ -169,6 +174,15 @@ enum Stopped {
 }
 
 impl Followed {
+    /// Keeps notes, each once.
+    fn note(&mut self, notes: Vec<Note>) {
+        for note in notes {
+            if !self.notes.contains(&note) {
+                self.notes.push(note);
+            }
+        }
+    }
+
     /// Keeps frames that are done.
     fn take(&mut self, rig: &Rig, pushed: &mut VecDeque<(u32, Given)>, done: Vec<Tracked>) {
         for tracked in done {

@@ -346,7 +346,8 @@ fn clouds_may_be_compressed_and_need_no_normals() {
         std::fs::remove_file(lab.path(&name(frame))).unwrap();
         lab.write(&format!("{}.zst", name(frame)), zstd::encode_all(&text[..], 3).unwrap());
     }
-    run(&lab, &["--method", "planes"]).with_code(0);
+    let ran = run(&lab, &["--method", "planes"]).with_code(3);
+    assert_eq!(ran.sentences().matches("clouds have no normals").count(), 1, "{}", ran.out);
     assert!(worst_cm(&lab, 0..FRAMES) < 0.3);
 }
 
