@@ -65,6 +65,8 @@ pub struct Request {
     pub page: Option<PathBuf>,
     /// Replace files that exist.
     pub force: bool,
+    /// Look and tell, follow and write nothing.
+    pub dry_run: bool,
 }
 
 /// A sequence that was followed to its end.
@@ -91,6 +93,12 @@ pub fn track(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBool
     request.check_names(&sequence)?;
     let rig = read_rig(&request.rig)?;
     let mut report = Report::new(request, &rig);
+    if request.dry_run {
+        let first = sequence.first_cloud(rig.unit.cm())?;
+        report.notes.extend(first.into_iter().flat_map(|frame| frame.notes));
+        report.foresee(&sequence);
+        return Ok(report);
+    }
     let log = start_log(request, &rig, &sequence, &mut report);
     let (mut followed, log) = follow(request, &rig, &sequence, log, watch, interrupt)?;
     report.took = began.elapsed();
@@ -262,16 +270,21 @@ impl Request {
     fn check_names(&self, sequence: &Sequence) -> Result<(), RepairError> {
         check_motion_name(&self.output)?;
         let rig = self.rig.all().into_iter().map(|(_, path)| path);
-        let beside = [Some(self.table.as_path()), self.log.as_deref(), self.page.as_deref()].into_iter().flatten().collect();
         Names {
             input: &self.rig.skeleton,
             output: &self.output,
             reads: rig.skip(1).chain(sequence.paths()).collect(),
-            beside,
+            beside: self.outputs().skip(1).collect(),
             in_place: false,
             force: self.force,
         }
         .check_beside()
+    }
+
+    /// The files to write, the motion first.
+    fn outputs(&self) -> impl Iterator<Item = &Path> {
+        let beside = [Some(self.table.as_path()), self.log.as_deref(), self.page.as_deref()];
+        [self.output.as_path()].into_iter().chain(beside.into_iter().flatten())
     }
 
     /// The files of the clouds as they were named, without folders.

@@ -352,6 +352,50 @@ fn clouds_may_be_compressed_and_need_no_normals() {
 }
 
 #[test]
+fn normals_need_not_be_announced() {
+    let lab = lab();
+    for frame in 0..FRAMES {
+        lab.write(&name(frame), lab.text(&name(frame)).replacen("NOFF", "OFF", 1));
+    }
+    let ran = run(&lab, &[]).with_code(0);
+    assert_eq!(ran.sentences().matches("clouds: OFF at the beginning says nothing of normals").count(), 1, "{}", ran.out);
+    assert!(worst_cm(&lab, 0..FRAMES) < 0.2);
+}
+
+#[test]
+fn a_dry_run_looks_and_writes_nothing() {
+    let lab = lab();
+    let before = lab.listing();
+    let ran = run(&lab, &["--dry-run"]).with_code(0);
+    assert!(ran.out.starts_with("cloud_%02d.off (dry run, nothing was written)\n"), "{}", ran.out);
+    let told = ran.sentences();
+    assert!(["12 frames by planes", "out.bvh", "out.frames.csv", "out.mcap"].iter().all(|what| told.contains(what)), "{told}");
+    assert!(lab.new_since(&before).is_empty());
+    std::fs::remove_file(lab.path(&name(7))).unwrap();
+    let messages = run(&lab, &["--dry-run", "--json"]).with_code(3).messages();
+    assert_eq!((&messages[0]["message_type"], &messages[0]["first_frame"]), (&"predicted".into(), &10.into()), "{messages:?}");
+    let summary = messages.last().unwrap();
+    assert_eq!((&summary["dry_run"], &summary["output"], &summary["frames"]), (&true.into(), &serde_json::Value::Null, &12.into()));
+    // what would fail fails
+    lab.write(&name(0), "OFF\n2 0 0\n1 2 3\n1 x 3\n");
+    let before = lab.listing();
+    let ran = run(&lab, &["--dry-run"]);
+    assert!(ran.code == 1 && ran.err.contains("cloud_03.off: off: "), "{ran:?}");
+    let ran = lab.run(&[&TRACK[..], &["-o", "nowhere/out.bvh", "--dry-run"]].concat());
+    assert!(ran.code == 1 && ran.err.contains("its folder does not exist"), "{ran:?}");
+    assert!(lab.new_since(&before).is_empty());
+}
+
+#[test]
+fn the_log_says_where_its_report_comes_from() {
+    let lab = lab();
+    run(&lab, &["--last", "5"]).with_code(0);
+    let ran = lab.run(&["report", "out.mcap", "-o", "out.html"]);
+    let told = ran.err.contains("out.mcap: is the log of mocap-repair track") && ran.err.contains("--report FILE.html");
+    assert!(ran.code == 1 && told, "{ran:?}");
+}
+
+#[test]
 fn what_is_wrong_is_said_and_nothing_is_left() {
     let text = |change: &dyn Fn(&Lab)| {
         let lab = lab();
@@ -399,6 +443,7 @@ fn names_are_checked_before_anything_is_done() {
     refused(&with(&["-o", "out.bvh", "--csv", "x", "--log", "x"]), 1, "is named for two different files");
     refused(&with(&["-o", "out.bvh", "--csv", "x", "--report", "x"]), 1, "is named for two different files");
     refused(&with(&["-o", "out.bvh", "--first", "1"]), 1, "there are files from 3 to 14");
+    refused(&with(&["-o", "out.bvh", "--first", "5", "--last", "3"]), 2, "--first 5 is behind --last 3");
     refused(&with(&["-o", "out.bvh", "--nthresh", "0.5", "--normal-angle", "60"]), 2, "--normal-angle");
     let mut other = with(&["-o", "out.bvh"]);
     let mut said = String::new();

@@ -63,6 +63,7 @@ fn solved(folder: &Path, bound: &Bound) -> Result<(), Failed> {
         log_rate_hz: None,
         page: None,
         force: false,
+        dry_run: false,
     };
     let report = fit(&request, &mut ())?;
     super::expect("markers", report.markers.len(), 41)?;

@@ -66,6 +66,7 @@ fn followed(folder: &Path, bound: &Bound) -> Result<(), Failed> {
         log_rate_hz: None,
         page: None,
         force: false,
+        dry_run: false,
     };
     read_rig(&request.rig)?;
     track(&request, &mut (), &AtomicBool::new(false))?;
