@@ -57,8 +57,8 @@ fn print(args: &Args, out: &mut dyn Write) -> Result<(), String> {
     let unwritable = |e: io::Error| e.to_string();
     let methods: &[(&str, Method)] = &[("default", Method::Planes), ("`report`", Method::Report)];
     let methods = &methods[..if args.default_only { 1 } else { 2 }];
-    let titles: String = methods.iter().map(|(name, _)| format!(" {name}: mean / p95 / max cm | frames > 5 cm |")).collect();
-    writeln!(out, "| sequence | frames |{titles}")
+    let titles: Vec<String> = methods.iter().map(|(name, _)| format!(" {name}: mean / p95 / max cm | frames > 5 cm |")).collect();
+    writeln!(out, "| sequence | frames |{}", titles.concat())
         .and_then(|()| writeln!(out, "| --- | --- |{}", " --- | --- |".repeat(methods.len())))
         .map_err(unwritable)?;
     let mut put = |name: &str, mut sequence: Sequence| {

@@ -85,9 +85,8 @@ enum Turned {
     Free(usize),
 }
 
-/// Writes a skeleton in motion. Lengths are in the unit of the skeleton, angles in degrees, with six decimals or more; angles do not jump by
-/// more than half a turn from frame to frame. Joints keep their names, except that blanks and brackets become `_`, and those that are the same get
-/// numbers.
+/// Writes a skeleton in motion. Lengths are in the unit of the skeleton, angles in degrees, all with six decimals; angles do not jump by more than
+/// half a turn from frame to frame. Joints keep their names, except that blanks and brackets become `_`, and those that are the same get numbers.
 ///
 /// # Errors
 /// Unsupported: a skeleton that is none or has no joints, another number or type of states than the joints have, states and places that are no

@@ -135,10 +135,10 @@ pub fn rigs(bytes: &[u8]) -> Result<(), String> {
     let notes = Notes::new();
     let wrote = |e: formats::FormatError| format!("what was read cannot be written: {e}");
     let reads = |e: formats::FormatError| format!("what was written cannot be read: {e}");
-    if let Ok(mesh) = rig::read_mesh(bytes) {
+    if let Ok(mesh) = rig::read_mesh(bytes, &notes) {
         let mut out = Vec::new();
         rig::write_mesh(&mesh, &mut out).map_err(wrote)?;
-        if rig::read_mesh(&out).map_err(reads)? != mesh {
+        if rig::read_mesh(&out, &notes).map_err(reads)? != mesh {
             return Err("off: a surface reads as another".to_owned());
         }
     }

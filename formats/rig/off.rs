@@ -9,7 +9,7 @@
 
 use super::Mesh;
 use super::words::{Word, Words, normalised};
-use crate::{FormatError, Place};
+use crate::{FormatError, Note, Notes, Place};
 use std::io::{self, BufWriter, Write};
 
 const NAME: &str = "off";
@@ -19,21 +19,24 @@ const SHORTEST_VERTEX: usize = 6;
 /// Numbers of a colour, at most, and of a place in a texture.
 const COLOUR: usize = 4;
 const TEXTURE: usize = 2;
+/// Normals that are written with a few decimals have lengths like these.
+const LENGTH_OF_NORMALS: std::ops::RangeInclusive<f64> = 0.95..=1.05;
 
 /// What a line of a vertex holds behind the coordinates.
 #[derive(Clone, Copy, Debug, Default)]
 struct Layout {
     normals: bool,
+    colours: bool,
     texture: bool,
 }
 
 /// Reads a surface or a cloud of points. Lengths stay in the unit of the file, which OFF does not tell; normals get length 1, or are 0 0 0 where
-/// the file says so. A file of no vertices is an empty [`Mesh`].
+/// the file says so. A file of no vertices is an empty [`Mesh`]. Normals that the first word does not announce are read, and noted.
 ///
 /// # Errors
 /// Malformed: another number of lines than the counts say, something else than finite numbers, a face with a vertex that is not there.
 /// Unsupported: binary files, and points of other than three coordinates.
-pub fn read_mesh(bytes: &[u8]) -> Result<Mesh, FormatError> {
+pub fn read_mesh(bytes: &[u8], notes: &Notes) -> Result<Mesh, FormatError> {
     let mut words = Words::new(NAME, bytes);
     let layout = header(&mut words)?;
     let vertices = count(&mut words, "the number of vertices")?;
@@ -50,6 +53,7 @@ pub fn read_mesh(bytes: &[u8]) -> Result<Mesh, FormatError> {
     let room = usize::try_from(vertices).unwrap_or(usize::MAX).min(words.left() / SHORTEST_VERTEX + 1);
     mesh.vertices.reserve_exact(room);
     mesh.normals.reserve_exact(if layout.normals { room } else { 0 });
+    let mut behind = Vec::new();
     for _ in 0..vertices {
         if !words.seek() {
             let text =
@@ -61,7 +65,17 @@ pub fn read_mesh(bytes: &[u8]) -> Result<Mesh, FormatError> {
             let normal = triple(&mut words, "a coordinate of a normal (three behind those of the vertex)")?;
             mesh.normals.push(normalised(normal, 0.0).unwrap_or_default());
         }
-        skip_colours(&mut words, layout)?;
+        if let Some(triple) = skip_colours(&mut words, layout)?
+            && behind.len() + 1 == mesh.vertices.len()
+        {
+            behind.push(triple);
+        }
+    }
+    if let Some(normals) = unannounced_normals(&behind, layout, &mesh) {
+        let text = "OFF at the beginning says nothing of normals, but three numbers behind each vertex have length 1, and some are negative, which no \
+                    colour is; they were read as normals";
+        notes.add(Note::Contradiction { text: text.to_owned() });
+        mesh.normals = normals;
     }
     for read in 0..faces {
         if !words.seek() {
@@ -97,7 +111,7 @@ fn header(words: &mut Words<'_>) -> Result<Layout, FormatError> {
         match (first.to_ascii_uppercase(), behind) {
             (b'N', _) if *first == b'n' && shouting => return Err(other_dimension(word)),
             (b'N', _) => layout.normals = true,
-            (b'C', _) => {}
+            (b'C', _) => layout.colours = true,
             (b'S', [b't' | b'T', behind @ ..]) => {
                 layout.texture = true;
                 letters = behind;
@@ -142,13 +156,18 @@ fn triple(words: &mut Words<'_>, what: &str) -> Result<[f64; 3], FormatError> {
     Ok([words.number_here(what)?, words.number_here(what)?, words.number_here(what)?])
 }
 
-/// Colours may also stand where the word at the beginning does not say so.
-fn skip_colours(words: &mut Words<'_>, layout: Layout) -> Result<(), FormatError> {
+/// Colours may also stand where the word at the beginning does not say so. What comes out are three numbers, if there are just so many.
+fn skip_colours(words: &mut Words<'_>, layout: Layout) -> Result<Option<[f64; 3]>, FormatError> {
     let most = COLOUR + if layout.texture { TEXTURE } else { 0 };
     let mut seen = 0;
+    let mut triple = [0.0; 3];
     while let Some(word) = words.word_here() {
+        let number = word.number();
+        if let (Some(place), Some(number)) = (triple.get_mut(seen), number) {
+            *place = number;
+        }
         seen += 1;
-        if seen > most || word.number().is_none() {
+        if seen > most || number.is_none() {
             let text = format!(
                 "\"{}\" found behind a vertex, expected the end of the line, or a colour of at most {COLOUR} numbers",
                 word.shown()
@@ -156,7 +175,18 @@ fn skip_colours(words: &mut Words<'_>, layout: Layout) -> Result<(), FormatError
             return Err(word.wrong(NAME, text));
         }
     }
-    Ok(())
+    Ok((seen == triple.len()).then_some(triple))
+}
+
+/// The three numbers behind each vertex as normals, if they can be nothing else: they have length 1 (or 0), and colours are never negative.
+fn unannounced_normals(behind: &[[f64; 3]], layout: Layout, mesh: &Mesh) -> Option<Vec<[f64; 3]>> {
+    let announced = layout.normals || layout.colours || layout.texture;
+    if announced || behind.len() != mesh.vertices.len() || !behind.iter().flatten().any(|x| *x < 0.0) {
+        return None;
+    }
+    let length = |[x, y, z]: &[f64; 3]| (x * x + y * y + z * z).sqrt();
+    let fits = |normal: &[f64; 3]| *normal == [0.0; 3] || LENGTH_OF_NORMALS.contains(&length(normal));
+    behind.iter().all(fits).then(|| behind.iter().map(|normal| normalised(*normal, 0.0).unwrap_or_default()).collect())
 }
 
 fn read_face(words: &mut Words<'_>, vertices: u64, faces: &mut Vec<[u32; 3]>) -> Result<(), FormatError> {

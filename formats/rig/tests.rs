@@ -32,18 +32,47 @@ fn surfaces_are_read_as_programs_write_them() {
         ("CNSTOFF\r4 0 0\r0 0 0 0 0 2 1 2 3 4 .5 .5\r1 0 0 0 0 1\r1 1 0 0 0 1\r0 1 0 0 0 1\r", true, vec![]),
         ("OFF\n4 3 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n1 3\n2 0 1\n3 1 2 3", false, vec![[1, 2, 3]]),
     ] {
-        let mesh = read_mesh(text.as_bytes()).unwrap_or_else(|e| panic!("{e}\n{text}"));
+        let mesh = read_mesh(text.as_bytes(), &Notes::new()).unwrap_or_else(|e| panic!("{e}\n{text}"));
         assert_eq!(mesh.vertices, SQUARE, "{text}");
         assert_eq!(mesh.normals, if normals { vec![[0.0, 0.0, 1.0]; 4] } else { vec![] }, "{text}");
         assert_eq!(mesh.faces, faces, "{text}");
         let mut out = Vec::new();
         write_mesh(&mesh, &mut out).unwrap();
-        assert_eq!(read_mesh(&out).unwrap(), mesh, "{text}");
+        assert_eq!(read_mesh(&out, &Notes::new()).unwrap(), mesh, "{text}");
     }
     for empty in ["OFF 0 0 0", "NOFF\n0 0\n", "0 0 0"] {
-        assert_eq!(read_mesh(empty.as_bytes()).unwrap(), Mesh::default());
+        assert_eq!(read_mesh(empty.as_bytes(), &Notes::new()).unwrap(), Mesh::default());
     }
-    assert_eq!(read_mesh(b"NOFF 1 0 0\n1 2 3 0 0 0").unwrap().normals, [[0.0; 3]]);
+    assert_eq!(read_mesh(b"NOFF 1 0 0\n1 2 3 0 0 0", &Notes::new()).unwrap().normals, [[0.0; 3]]);
+}
+
+#[test]
+fn faces_of_many_corners_become_fans() {
+    let text = "OFF\n6 3 0\n0 0 0\n2 0 0\n3 1 0\n2 2 0\n0 2 0\n-1 1 0\n6 0 1 2 3 4 5\n5 5 4 3 2 1 0.5 0.5 0.5\n2 0 1\n";
+    let mesh = read_mesh(text.as_bytes(), &Notes::new()).unwrap();
+    assert_eq!(mesh.faces, [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5], [5, 4, 3], [5, 3, 2], [5, 2, 1]]);
+}
+
+#[test]
+fn normals_that_are_not_announced_are_read_and_noted() {
+    for (head, lines, normals) in [
+        ("OFF", ["0 0 1", "0 -1 0", "0 0 0", "0.577 -0.577 0.577"], true),
+        ("", ["0 0 1", "0 -1 0", "0 0 0", "1 0 0"], true),
+        // colours: not negative, of another length, announced, not behind every vertex, of four numbers
+        ("OFF", ["0 0 1", "0 1 0", "0 0 0", "1 0 0"], false),
+        ("OFF", ["0 0 1", "0 -1 0", "0 0 0", "0.5 0.5 0.5"], false),
+        ("COFF", ["0 0 1", "0 -1 0", "0 0 0", "1 0 0"], false),
+        ("OFF", ["0 0 1", "0 -1 0", "", "1 0 0"], false),
+        ("OFF", ["0 0 1", "0 -1 0", "0 0 0", "-1 0 0 1"], false),
+    ] {
+        let vertices: Vec<String> = lines.iter().map(|behind| format!("1 2 3 {behind}\n")).collect();
+        let notes = Notes::new();
+        let mesh = read_mesh(format!("{head}\n4 0 0\n{}", vertices.concat()).as_bytes(), &notes).unwrap();
+        assert_eq!(mesh.vertices.len(), 4);
+        assert_eq!(mesh.normals.len(), if normals { 4 } else { 0 }, "{lines:?}");
+        assert_eq!(notes.take().len(), usize::from(normals), "{lines:?}");
+        assert!(mesh.normals.iter().take(2).eq(&[[0.0, 0.0, 1.0], [0.0, -1.0, 0.0]][..mesh.normals.len().min(2)]), "{mesh:?}");
+    }
 }
 
 #[test]
@@ -56,6 +85,10 @@ fn wrong_surfaces_are_refused() {
         ("nOFF 3\n1 0 0\n1 2 3", "off: nOFF holds points of other than three coordinates; write it again as OFF or NOFF (line 1)"),
         ("OFF BINARY\n\0\0\0\x01", "off: this is a binary OFF file; write it again as text (line 1)"),
         ("OFF\n1", "off: the file ends where the number of faces is expected; it was cut off (line 2)"),
+        (
+            "OFF\n99999999999999999999999 0 0",
+            "off: \"99999999999999999999999\" found, which is more than there can be of anything; expected the number of vertices (line 2)",
+        ),
         ("OFF\n-1 0 0", "off: \"-1\" found, expected the number of vertices (line 2)"),
         ("OFF\n1 0 0 7\n1 2 3", "off: expected nothing but the numbers of vertices, faces and edges in this line (line 2)"),
         ("OFF\n2 0 0\n1 2 3\n", "off: the file ends after 1 of 2 vertices; it was cut off, or its counts are wrong (line 4)"),
@@ -94,7 +127,7 @@ fn wrong_surfaces_are_refused() {
             "off: the file ends after 0 of 4294967295 vertices; it was cut off, or its counts are wrong (line 3)",
         ),
     ] {
-        assert_eq!(refused(read_mesh(text.as_bytes())), error);
+        assert_eq!(refused(read_mesh(text.as_bytes(), &Notes::new())), error);
     }
     let refuse = |mesh: &Mesh| refused(write_mesh(mesh, &mut Vec::new()));
     let one = Mesh { vertices: vec![[0.0; 3]], ..Mesh::default() };
@@ -425,7 +458,7 @@ fn no_damage_brings_a_reader_down() {
     let square = "NOFF\n4 2 0\n0 0 0 0 0 1\n1 0 0 0 0 1\n1 1 0 0 0 1\n0 1 0 0 0 1\n4 0 1 2 3 0.5\n3 0 1 2\n";
     let read = |bytes: &[u8]| {
         let notes = Notes::new();
-        if let Ok(mesh) = read_mesh(bytes) {
+        if let Ok(mesh) = read_mesh(bytes, &Notes::new()) {
             assert!(mesh.faces.iter().flatten().all(|&v| (v as usize) < mesh.vertices.len()));
         }
         let _ = read_skeleton(bytes, &notes).map(|skeleton| write_skeleton(&skeleton, &mut Vec::new()).unwrap());

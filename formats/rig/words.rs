@@ -162,22 +162,32 @@ impl<'a> Words<'a> {
                 value = sum.map(|sum| (sum, rest));
             }
         }
-        let Some((value, rest)) = value else { return Err(self.no_number(what)) };
+        let Some((value, rest)) = value else { return Err(self.no_count(what)) };
         self.rest = rest;
         Ok(value)
     }
 
     #[cold]
+    fn no_count(&mut self, what: &str) -> FormatError {
+        let Some(word) = self.word_here() else { return self.nothing(what) };
+        let more = if word.text.iter().all(u8::is_ascii_digit) { ", which is more than there can be of anything" } else { "" };
+        let link = if more.is_empty() { "," } else { ";" };
+        word.wrong(self.format, format!("\"{}\" found{more}{link} expected {what}", word.shown()))
+    }
+
+    #[cold]
     fn no_number(&mut self, what: &str) -> FormatError {
-        let Some(word) = self.word_here() else {
-            return self.wrong(format!("the line ends where {what} is expected; complete it"));
-        };
+        let Some(word) = self.word_here() else { return self.nothing(what) };
         match finite(word.text) {
             Some(x) if x.abs() >= FARTHEST => {
                 word.wrong(self.format, format!("\"{}\" is farther away than anything can be; correct it", word.shown()))
             }
             _ => word.wrong(self.format, format!("\"{}\" found, expected {what}", word.shown())),
         }
+    }
+
+    fn nothing(&self, what: &str) -> FormatError {
+        self.wrong(format!("the line ends where {what} is expected; complete it"))
     }
 }
 
@@ -220,7 +230,8 @@ mod tests {
         assert_eq!(words.whole_here("a count").unwrap_err().to_string(), "rig: \"x\" found, expected a count (line 2)");
         let far = "rig: \"1e13\" is farther away than anything can be; correct it (line 2)";
         assert_eq!(words.number_here("a number").unwrap_err().to_string(), far);
-        assert!(words.whole_here("a count").is_err());
+        let many = "rig: \"18446744073709551616\" found, which is more than there can be of anything; expected a count (line 2)";
+        assert_eq!(words.whole_here("a count").unwrap_err().to_string(), many);
     }
 
     #[test]

@@ -67,6 +67,9 @@ pub(super) struct SolveArgs {
     /// Replace files that exist
     #[arg(long)]
     force: bool,
+    /// Read the body and the take, check all names and tell what would be done; solve and write nothing
+    #[arg(long)]
+    dry_run: bool,
     /// Report as JSON lines on standard output
     #[arg(long)]
     pub json: bool,
@@ -92,6 +95,7 @@ impl SolveArgs {
             log_rate_hz: self.log_rate,
             page: self.report.clone(),
             force: self.force,
+            dry_run: self.dry_run,
         }
     }
 }

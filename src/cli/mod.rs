@@ -325,6 +325,10 @@ fn run_convert(args: &ConvertArgs) -> u8 {
 }
 
 fn run_track(args: &TrackArgs, interrupt: &AtomicBool) -> u8 {
+    if let Some(text) = args.contradiction() {
+        let _ = Cli::command().error(ErrorKind::ArgumentConflict, text).print();
+        return 2;
+    }
     let mut terminal = watching(args.quiet || args.json);
     let tracked = track_clouds(&args.request(), &mut terminal, interrupt);
     drop(terminal);

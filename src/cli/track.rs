@@ -86,6 +86,9 @@ pub(super) struct TrackArgs {
     /// Replace files that exist
     #[arg(long)]
     force: bool,
+    /// Read the body and the first cloud, check all names and tell what would be done; follow and write nothing
+    #[arg(long)]
+    dry_run: bool,
     /// Report as JSON lines on standard output
     #[arg(long)]
     pub json: bool,
@@ -109,6 +112,12 @@ fn angle(text: &str) -> Result<f64, String> {
 }
 
 impl TrackArgs {
+    /// What is wrong with what was typed, if that shows without a look at files.
+    pub fn contradiction(&self) -> Option<String> {
+        let (first, last) = (self.first?, self.last?);
+        (first > last).then(|| format!("--first {first} is behind --last {last}; the first frame comes first"))
+    }
+
     pub fn request(&self) -> Request {
         let usual = Settings::of(match self.method {
             MethodArg::Planes => Method::Planes,
@@ -138,6 +147,7 @@ impl TrackArgs {
             log_rate_hz: self.log_rate,
             page: self.report.clone(),
             force: self.force,
+            dry_run: self.dry_run,
         }
     }
 }

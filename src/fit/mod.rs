@@ -57,6 +57,8 @@ pub struct Request {
     pub page: Option<PathBuf>,
     /// Replace files that exist.
     pub force: bool,
+    /// Look and tell, solve and write nothing.
+    pub dry_run: bool,
 }
 
 /// Solves for the motion of a body from the markers that it wears.
@@ -74,6 +76,11 @@ pub fn fit(request: &Request, watch: &mut dyn Observer) -> Result<Report, Repair
     let turn = opened.document.take().up.map(|from| (from, rig.up())).filter(|(from, to)| from != to);
     let turned = turn.map(|(from, to)| opened.document.take().turned(from, to));
     let take = turned.as_ref().unwrap_or(opened.document.take());
+    if request.dry_run {
+        let mut report = Report::new(request, &rig, &opened, turn);
+        report.foresee(take, &worn, &rig);
+        return Ok(report);
+    }
     let mut calibrated = None;
     if request.wearer.calibrate {
         watch.phase("finding out where markers sit");
@@ -155,11 +162,17 @@ impl Request {
             input: &self.input,
             output: &self.output,
             reads: self.wearer.all().chain(self.fills.as_deref()).chain(self.reading.tables()).collect(),
-            beside: [Some(self.table.as_path()), self.log.as_deref(), self.page.as_deref()].into_iter().flatten().collect(),
+            beside: self.outputs().skip(1).collect(),
             in_place: false,
             force: self.force,
         }
         .check_beside()
+    }
+
+    /// The files to write, the motion first.
+    fn outputs(&self) -> impl Iterator<Item = &Path> {
+        let beside = [Some(self.table.as_path()), self.log.as_deref(), self.page.as_deref()];
+        [self.output.as_path()].into_iter().chain(beside.into_iter().flatten())
     }
 
     /// What the log is to know.

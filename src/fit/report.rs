@@ -4,10 +4,11 @@ use super::{Fitted, Request, Turn};
 use crate::input::Opened;
 use crate::report::{count, lines, short};
 use crate::rig::Rig;
+use crate::rig::map::Worn;
 use crate::runs::Stretch;
 use crate::solve::markers::Calibration;
-use crate::typeset::Style;
-use formats::{Note, printable};
+use crate::typeset::{Style, Tone};
+use formats::{Note, Take, printable};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -82,6 +83,8 @@ pub struct Report {
     pub log_error: Option<String>,
     /// The report to look at.
     pub page: Option<PathBuf>,
+    /// The files that would be written, if nothing was because nothing was to be.
+    pub would_write: Option<Vec<PathBuf>>,
     /// Frames per second.
     pub rate_hz: f64,
     /// Number of frames.
@@ -131,6 +134,7 @@ impl Report {
             log: None,
             log_error: None,
             page: None,
+            would_write: request.dry_run.then(|| request.outputs().map(Path::to_path_buf).collect()),
             rate_hz: take.rate_hz,
             frames: take.frames(),
             unit: rig.unit.symbol(),
@@ -149,6 +153,24 @@ impl Report {
             solve_took: Duration::ZERO,
             took: Duration::ZERO,
         }
+    }
+
+    /// Takes in which markers there are.
+    pub fn foresee(&mut self, take: &Take, worn: &Worn, rig: &Rig) {
+        let names: Vec<&str> = rig.names().collect();
+        self.absent.clone_from(&worn.absent);
+        let markers = worn.markers.iter().map(|(column, label, marker, weight)| MarkerReport {
+            label: label.clone(),
+            joint: names.get(marker.part).copied().unwrap_or_default().to_owned(),
+            frames: (0..take.frames()).filter(|&frame| take.position_mm(frame, *column).is_some()).count(),
+            rms_cm: f64::NAN,
+            worst_cm: f64::NAN,
+            worst_frame: take.frame_label(0),
+            counts: *weight > 0.0,
+        });
+        self.markers = markers.collect();
+        self.unused.clone_from(&worn.strangers);
+        self.unused.extend(self.markers.iter().filter(|m| !m.counts || m.frames == 0).map(|m| m.label.clone()));
     }
 
     /// Takes in what became of the markers.
@@ -238,10 +260,12 @@ impl Report {
 
     /// For people.
     pub fn text(&self, style: &Style) -> String {
-        let mut out = String::new();
-        if let Some(output) = &self.output {
-            out.push_str(&style.way(&self.input.display().to_string(), &output.display().to_string()));
-        }
+        let input = self.input.display().to_string();
+        let mut out = match (&self.output, &self.would_write) {
+            (Some(output), _) => style.way(&input, &output.display().to_string()),
+            (None, Some(_)) => style.toned(Tone::Title, &format!("{input} (dry run, nothing was written)")) + "\n",
+            (None, None) => String::new(),
+        };
         let mut line = |head: &str, text: String| out.push_str(&style.item(head, &text));
         let seconds = self.frames as f64 / self.rate_hz;
         line("take", format!("{} at {} Hz ({seconds:.1} s)", count(self.frames, "frame"), short(self.rate_hz)));
@@ -300,6 +324,7 @@ impl Report {
         for (head, path) in [("log", &self.log), ("frames", &self.table), ("report", &self.page)] {
             out.extend(path.iter().map(|path| style.name(head, &path.display().to_string())));
         }
+        out.extend(self.would_write.iter().flatten().map(|path| style.name("to write", &path.display().to_string())));
         out
     }
 
@@ -340,6 +365,7 @@ impl Report {
             log: path(&self.log),
             log_error: self.log_error.as_deref(),
             report: path(&self.page),
+            dry_run: self.would_write.is_some(),
             rate_hz: self.rate_hz,
             frames: self.frames,
             unit: self.unit,
@@ -397,6 +423,7 @@ enum Message<'a> {
         log: Option<String>,
         log_error: Option<&'a str>,
         report: Option<String>,
+        dry_run: bool,
         rate_hz: f64,
         frames: usize,
         unit: &'a str,

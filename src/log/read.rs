@@ -28,6 +28,9 @@ pub enum LogReadError {
     /// It is somebody else's log.
     #[error("is an MCAP file, but not the log of a repair: it has no {0}; a log is written by a repair, beside its output")]
     NotOurs(String),
+    /// It is the log of a command that makes its page itself.
+    #[error("is the log of {0}, of which no report can be made afterwards; run {0} with --report FILE.html, which makes it")]
+    OfCommand(String),
 }
 
 /// The content of the attachment called `name`.

@@ -40,6 +40,7 @@ const SCRIPTS: [&str; 3] = [
         include_str!("web/bones.js"),
         include_str!("web/em.js"),
         include_str!("web/followed.js"),
+        include_str!("web/parts.js"),
         include_str!("web/origin.js"),
         include_str!("web/main.js"),
         "})();\n"

@@ -20,7 +20,7 @@ mod told;
 pub use curves::{Curve, Curves, Iteration};
 pub use of_body::{Event, Followed, Series, Tile};
 pub use of_log::report_of_log;
-pub use of_track::TrackFigure;
+pub use of_track::{ByPart, TrackFigure};
 pub use positions::{Positions, State, Track};
 pub use told::{Bones, Note, Part, Share, Stage, Summary};
 

@@ -1,5 +1,6 @@
 //! A body in motion as a page shows it: joints as markers, the lines between them as bones, and some points of what was measured.
 
+use super::of_track::ByPart;
 use super::positions::{STEP_MM, State, Track};
 use super::{Note, Page, Positions};
 use crate::log::{DescribedBone, Description};
@@ -29,6 +30,9 @@ pub struct Followed {
     pub uneventful: &'static str,
     /// Values over frames.
     pub curves: Vec<Series>,
+    /// How each part was followed, and how each frame came about, for a body that was followed through clouds.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub by_part: Option<ByPart>,
     /// The files of the body: what each is, and its name with its SHA-256.
     pub files: Vec<(String, String)>,
     /// What joints are that were seen, that were not, and what the points are.

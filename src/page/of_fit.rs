@@ -159,6 +159,7 @@ fn followed(rig: &Rig, report: &Report, fitted: &Fitted<'_>, numbers: (i64, i64)
         events: happened,
         uneventful: "Every frame has markers, and every joint that has markers was seen in all of them.",
         curves,
+        by_part: None,
         legend: ["seen", "not seen", "markers"],
     }
 }

@@ -154,6 +154,9 @@ impl Gathered {
     fn finish(mut self) -> Result<Page, LogReadError> {
         self.flush();
         let Self { mut page, frames, description, report, mut metadata, .. } = self;
+        if let Some(command) = metadata.remove("command") {
+            return Err(LogReadError::OfCommand(format!("mocap-repair {command}")));
+        }
         let missing = |what: &str| LogReadError::NotOurs(what.to_owned());
         page.take = description.ok_or_else(|| missing(&format!("attachment called {DESCRIPTION}")))?;
         let Description { frames: told, markers, bones, .. } = &page.take;

@@ -5,20 +5,43 @@ use super::{Note, Page};
 use crate::report::{count, short};
 use crate::rig::Rig;
 use crate::runs::runs;
-use crate::solve::track::{Tracked, Way};
+use crate::solve::track::{Round, Tracked, Way};
 use crate::track::{Given, Report, Seen};
+use serde::Serialize;
 
 /// The most names in a tile.
 const MOST_NAMES: usize = 3;
 
+/// How the parts of a body were followed, and how every frame came about.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct ByPart {
+    /// The joints that move a part with a surface, as places in [`Description::markers`](crate::log::Description::markers).
+    pub markers: Vec<usize>,
+    /// For each of them, frame by frame, how much of its surface has points beside it, in percent; `None` without a cloud.
+    pub coverage: Vec<Vec<Option<f64>>>,
+    /// The same for the distance of its points from it, cm (root mean square); `None` if it has none.
+    pub residual_cm: Vec<Vec<Option<f64>>>,
+    /// For every frame its rounds of EM: log-likelihood in nats, standard deviation in cm, share of points that belong to the body.
+    pub rounds: Vec<Vec<[Option<f64>; 3]>>,
+}
+
+/// A number with so many decimals.
+fn rounded(x: f64, decimals: i32) -> Option<f64> {
+    let unit = 10.0_f64.powi(decimals);
+    x.is_finite().then(|| (x * unit).round() / unit)
+}
+
 /// What is kept of a sequence for its page while it is followed.
 #[derive(Debug)]
-pub struct TrackFigure(Figure);
+pub struct TrackFigure {
+    figure: Figure,
+    rounds: Vec<Vec<[Option<f64>; 3]>>,
+}
 
 impl TrackFigure {
     /// Of a sequence of so many frames.
     pub fn new(rig: &Rig, frames: usize) -> Self {
-        Self(Figure::new(rig, frames))
+        Self { figure: Figure::new(rig, frames), rounds: Vec::with_capacity(frames) }
     }
 
     /// Keeps the next frame.
@@ -26,7 +49,9 @@ impl TrackFigure {
         let predicted = tracked.way == Way::Predicted;
         let points = tracked.cloud.as_ref().map(|cloud| cloud.points.as_slice()).unwrap_or_default();
         let unseen = |joint: usize| predicted || tracked.lost.get(joint) == Some(&true);
-        self.0.push(&tracked.centres, &tracked.parts, unseen, points.iter().copied());
+        self.figure.push(&tracked.centres, &tracked.parts, unseen, points.iter().copied());
+        let round = |round: &Round| [rounded(round.log_likelihood, 1), rounded(round.sigma_cm, 3), rounded(round.inliers, 3)];
+        self.rounds.push(tracked.rounds.iter().map(round).collect());
     }
 }
 
@@ -52,9 +77,24 @@ impl Page {
             page.notes.push(Note { text: format!("there is no log: {error}"), matters: true });
         }
         let first = frames.first().map_or(0, |seen| i64::from(seen.number));
-        figure.0.show(&mut page, rig, report.rate_hz, (first, 1));
-        page.followed = Some(followed(rig, report, frames, first));
+        let TrackFigure { figure, rounds } = figure;
+        figure.show(&mut page, rig, report.rate_hz, (first, 1));
+        let by_part = Some(by_part(rig, frames, rounds));
+        page.followed = Some(Followed { by_part, ..followed(rig, report, frames, first) });
         page
+    }
+}
+
+fn by_part(rig: &Rig, frames: &[Seen], rounds: Vec<Vec<[Option<f64>; 3]>>) -> ByPart {
+    let markers = rig.with_surface();
+    let each = |value: &dyn Fn(&Seen, usize) -> Option<f64>| {
+        markers.iter().map(|&part| frames.iter().map(|seen| value(seen, part)).collect()).collect()
+    };
+    ByPart {
+        coverage: each(&|seen, part| rounded(100.0 * seen.coverage[part], 0)),
+        residual_cm: each(&|seen, part| rounded(seen.residuals_cm[part], 2)),
+        rounds,
+        markers,
     }
 }
 
@@ -151,6 +191,7 @@ fn followed(rig: &Rig, report: &Report, frames: &[Seen], first: i64) -> Followed
         events: happened,
         uneventful: "Every frame has a cloud, and no part of the body was lost.",
         curves,
+        by_part: None,
         legend: ["followed", "lost or predicted", "measured points"],
     }
 }

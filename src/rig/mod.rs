@@ -128,7 +128,7 @@ pub fn read_rig(files: &RigFiles) -> Result<Rig, RepairError> {
     let bvh = bytes(0).trim_ascii_start().get(..9).is_some_and(|word| word.eq_ignore_ascii_case(b"hierarchy"));
     let skeleton = if bvh { skeleton_of_bvh(bytes(0), &notes) } else { read_skeleton(bytes(0), &notes) };
     let mut skeleton = skeleton.map_err(wrong(&files.skeleton))?;
-    let mesh = read_mesh(bytes(1)).map_err(wrong(&files.surface))?;
+    let mesh = read_mesh(bytes(1), &notes).map_err(wrong(&files.surface))?;
     if mesh.vertices.is_empty() {
         let problem = "has no vertices, so there is no surface to follow; name the surface of the body in its reference pose";
         return Err(RepairError::Io { path: files.surface.clone(), problem: problem.to_owned() });

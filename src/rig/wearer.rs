@@ -81,6 +81,7 @@ impl WearerFiles {
     pub fn wearer(&self, take: &Take) -> Result<(Arc<Wearer>, Vec<Note>), RepairError> {
         let rig = read_rig(&self.rig)?;
         let worn = self.worn(&rig, take)?;
+        let names = rig.names().map(str::to_owned).collect();
         let mut notes = rig.notes;
         for (names, what) in [
             (&worn.absent, "markers of --map that the take does not have"),
@@ -91,6 +92,6 @@ impl WearerFiles {
             }
         }
         let markers = worn.markers.into_iter().map(|(column, _, marker, weight)| (column, marker, weight)).collect();
-        Ok((Arc::new(Wearer { tree: rig.body.tree, limits: rig.limits, markers }), notes))
+        Ok((Arc::new(Wearer { tree: rig.body.tree, names, limits: rig.limits, markers }), notes))
     }
 }

@@ -149,6 +149,7 @@ impl Method {
             solved.explanations = auto.explanations();
         } else {
             solved.estimate = first.estimate().clone();
+            solved.explanations = first.explanations();
         }
         solved
     }

@@ -84,6 +84,11 @@ pub trait Solver {
         false
     }
 
+    /// Why each gap was filled as it was, from methods that can say.
+    fn explanations(&self) -> Vec<auto::Explanation> {
+        Vec::new()
+    }
+
     /// Last touches to the estimate that would cost too much in every round. [`run`] calls it once, after the last step and before observers hear of that step.
     fn conclude(&mut self) {}
 }

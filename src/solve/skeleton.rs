@@ -9,11 +9,13 @@
 //!
 //! Markers that the body does not wear are filled by splines.
 
+use super::auto::Explanation;
 use super::ik::terms::{Limits, Marker};
 use super::ik::{Posed, Tree, Vec3};
 use super::interpolate::{Curve, Interpolate};
 use super::markers::{Seen, Settings, Solution, solve};
-use super::{Estimate, Problem, Progress, SolveError, Solver};
+use super::{Estimate, Gap, Problem, Progress, SolveError, Solver};
+use crate::runs::runs;
 use std::sync::Arc;
 
 /// A body, and where it wears markers. Lengths are in cm.
@@ -21,6 +23,8 @@ use std::sync::Arc;
 pub struct Wearer {
     /// The skeleton.
     pub tree: Tree,
+    /// Names of its joints.
+    pub names: Vec<String>,
     /// How far its joints move.
     pub limits: Option<Limits>,
     /// Columns of the take, where their markers sit, and the factors of their weights.
@@ -45,12 +49,13 @@ pub struct Skeleton<'a> {
     problem: &'a Problem,
     wearer: Option<Arc<Wearer>>,
     estimate: Estimate,
+    why: Vec<Explanation>,
 }
 
 impl<'a> Skeleton<'a> {
     /// Nothing is computed before the first step.
     pub fn new(problem: &'a Problem, wearer: Option<Arc<Wearer>>) -> Self {
-        Self { problem, wearer, estimate: Estimate::open(problem.missing.len()) }
+        Self { problem, wearer, estimate: Estimate::open(problem.missing.len()), why: Vec::new() }
     }
 }
 
@@ -70,7 +75,7 @@ impl Solver for Skeleton<'_> {
             return Ok(progress);
         }
         let seen = worn.seen(problem);
-        let scale = worn.scale(problem, &seen);
+        let Judged { scale, gaps, frames } = worn.judged(problem, &seen);
         let solution = worn.solve(&seen);
         progress.rms_residual_mm = solution.rounds.last().map(|round| round.rms_cm * 10.0);
         let skin = Skin::new(&worn, &seen, &solution, problem.rate_hz);
@@ -83,6 +88,7 @@ impl Solver for Skeleton<'_> {
         if self.estimate.positions_mm.iter().flatten().any(|x| x.is_infinite()) {
             return Err(SolveError::Numerical("the pose is not finite".to_owned()));
         }
+        self.why = worn.gaps(problem).map(|(at, gap)| worn.why(problem, &self.estimate, at, gap, (gaps, frames))).collect();
         Ok(progress)
     }
 
@@ -93,6 +99,19 @@ impl Solver for Skeleton<'_> {
     fn estimate(&self) -> &Estimate {
         &self.estimate
     }
+
+    fn explanations(&self) -> Vec<Explanation> {
+        self.why.clone()
+    }
+}
+
+/// What samples that were hidden a second time say.
+struct Judged {
+    /// For each class, what the variances that the process promises are to be multiplied by.
+    scale: [f64; CLASSES],
+    /// In how many gaps they were, and how long those are in the middle; 0 if they are too few to say anything.
+    gaps: usize,
+    frames: usize,
 }
 
 /// The markers of a problem that a body wears.
@@ -132,9 +151,8 @@ impl<'a> Worn<'a> {
         solve(&self.wearer.tree, self.wearer.limits.as_ref(), &self.markers, seen, &Settings::default())
     }
 
-    /// For each class, what the variances that the process promises are to be multiplied by: found on samples that are hidden where others are missing in
-    /// another half of the take.
-    fn scale(&self, problem: &Problem, seen: &Seen) -> [f64; CLASSES] {
+    /// Judges fills by samples that are hidden where others are missing in another half of the take.
+    fn judged(&self, problem: &Problem, seen: &Seen) -> Judged {
         let (frames, markers) = (seen.frames, seen.markers);
         let mut poorer = seen.clone();
         for frame in 0..frames {
@@ -167,7 +185,74 @@ impl<'a> Worn<'a> {
             least = least.max(scale[class]);
             scale[class] = least;
         }
-        scale
+        let hidden = |frame: usize, at: usize| {
+            let [was, is] = [seen, &poorer].map(|all| all.places[frame * markers + at].x.is_finite());
+            was && !is
+        };
+        let mut lengths: Vec<usize> =
+            (0..markers).flat_map(|at| runs(frames, |frame| hidden(frame, at))).map(|(start, end)| end - start).collect();
+        lengths.sort_unstable();
+        if counts.iter().sum::<usize>() < LEAST_PAIRS {
+            lengths.clear();
+        }
+        Judged { scale, gaps: lengths.len(), frames: lengths.get(lengths.len() / 2).copied().unwrap_or_default() }
+    }
+
+    /// The gaps of the markers, each with the place of its marker among them.
+    fn gaps(&self, problem: &Problem) -> impl Iterator<Item = (usize, Gap)> {
+        self.columns.iter().enumerate().flat_map(|(at, &marker)| {
+            runs(problem.frames(), |frame| !problem.observed(frame, marker))
+                .into_iter()
+                .map(move |(start, end)| (at, Gap { marker, start, end }))
+        })
+    }
+
+    /// Why a gap was filled as it was: from the pose of its part, which the markers tell that were seen meanwhile on that part, or on the nearest that has any.
+    fn why(
+        &self,
+        problem: &Problem,
+        estimate: &Estimate,
+        at: usize,
+        gap: Gap,
+        (simulated, simulated_frames): (usize, usize),
+    ) -> Explanation {
+        let part = self.markers[at].part;
+        let seen = |column: usize| (gap.start..gap.end).filter(|&frame| problem.observed(frame, column)).count();
+        let mut others: Vec<(usize, usize, usize)> = self
+            .columns
+            .iter()
+            .zip(&self.markers)
+            .zip(&self.weights)
+            .map(|((&column, marker), weight)| (self.apart(part, marker.part), if *weight > 0.0 { seen(column) } else { 0 }, column))
+            .filter(|&(_, frames, _)| frames > 0)
+            .collect();
+        // the nearest first, and of these whoever was seen longest
+        others.sort_by_key(|&(apart, frames, column)| (apart, usize::MAX - frames, column));
+        let farthest = others.first().map_or(0, |&(apart, ..)| apart.max(1));
+        let sigmas = (gap.start..gap.end)
+            .filter_map(|frame| problem.missing.binary_search(&(frame, gap.marker)).ok())
+            .map(|k| estimate.sigma_mm[k].powi(2));
+        let pose = self.wearer.names.get(part).map_or_else(|| format!("pose of part {part}"), |name| format!("pose of {name}"));
+        Explanation {
+            gap,
+            neighbours: others.into_iter().filter(|&(apart, ..)| apart <= farthest).map(|(.., column)| column).collect(),
+            experts: vec![(pose, 1.0, f64::NAN)],
+            simulated,
+            simulated_frames,
+            predicted_mm: (sigmas.sum::<f64>() / gap.frames() as f64).sqrt(),
+        }
+    }
+
+    /// How many joints are between two parts.
+    fn apart(&self, a: usize, b: usize) -> usize {
+        let (mut a, mut b, mut steps) = (a, b, 0);
+        while a != b {
+            // parents come first, so the later one of two is not above the other
+            let up = if a > b { &mut a } else { &mut b };
+            *up = self.wearer.tree.links[*up].parent.unwrap_or(0);
+            steps += 1;
+        }
+        steps
     }
 }
 

@@ -67,6 +67,8 @@ pub struct Request {
     pub page: Option<PathBuf>,
     /// Replace files that exist.
     pub force: bool,
+    /// Look and tell, follow and write nothing.
+    pub dry_run: bool,
 }
 
 /// A sequence that was followed to its end.
@@ -74,8 +76,8 @@ pub struct Request {
 struct Followed {
     poses: Poses,
     frames: Vec<Seen>,
-    /// The normals of the clouds point inwards.
-    turned: bool,
+    /// What was assumed or found odd in clouds, each once.
+    notes: Vec<Note>,
     /// What the report to look at draws, if it is wanted.
     figure: Option<TrackFigure>,
     /// Where the log takes frames from.
@@ -93,13 +95,17 @@ pub fn track(request: &Request, watch: &mut dyn Observer, interrupt: &AtomicBool
     request.check_names(&sequence)?;
     let rig = read_rig(&request.rig)?;
     let mut report = Report::new(request, &rig);
+    if request.dry_run {
+        let first = sequence.first_cloud(rig.unit.cm())?;
+        report.notes.extend(first.into_iter().flat_map(|frame| frame.notes));
+        report.foresee(&sequence);
+        return Ok(report);
+    }
     let log = start_log(request, &rig, &sequence, &mut report);
     let (mut followed, log) = follow(request, &rig, &sequence, log, watch, interrupt)?;
     report.took = began.elapsed();
+    report.notes.append(&mut followed.notes);
     report.judge(&followed.frames, &rig);
-    if followed.turned {
-        report.notes.push(Note::Assumed { text: "the normals of the clouds point inwards, they are turned".to_owned() });
-    }
     watch.phase("writing and checking the motion");
     write_out(request, &rig, &mut followed, log, report)
 }
@@ -142,7 +148,8 @@ fn follow<'a>(
             if interrupt.load(Ordering::Relaxed) {
                 return Err(Stopped::Interrupted);
             }
-            let Frame { number, cloud } = frame.map_err(Stopped::Failed)?;
+            let Frame { number, cloud, notes } = frame.map_err(Stopped::Failed)?;
+            followed.note(notes);
             let given = match &cloud {
                 None => Given::Missing,
                 Some(cloud) if cloud.points.is_empty() => Given::Empty,
@@ -164,7 +171,9 @@ fn follow<'a>(
             }
         }
         followed.take(rig, &mut pushed, tracker.finish());
-        followed.turned = tracker.turned();
+        if tracker.turned() {
+            followed.notes.push(Note::Assumed { text: "the normals of the clouds point inwards, they are turned".to_owned() });
+        }
         followed.to_log = None; // which ends the log's thread
         Ok(followed)
     });
@@ -209,6 +218,15 @@ enum Stopped {
 }
 
 impl Followed {
+    /// Keeps notes, each once.
+    fn note(&mut self, notes: Vec<Note>) {
+        for note in notes {
+            if !self.notes.contains(&note) {
+                self.notes.push(note);
+            }
+        }
+    }
+
     /// Keeps frames that are done.
     fn take(&mut self, rig: &Rig, pushed: &mut VecDeque<(u32, Given)>, done: Vec<Tracked>) {
         for tracked in done {
@@ -288,16 +306,21 @@ impl Request {
     fn check_names(&self, sequence: &Sequence) -> Result<(), RepairError> {
         check_motion_name(&self.output)?;
         let rig = self.rig.all().into_iter().map(|(_, path)| path);
-        let beside = [Some(self.table.as_path()), self.log.as_deref(), self.page.as_deref()].into_iter().flatten().collect();
         Names {
             input: &self.rig.skeleton,
             output: &self.output,
             reads: rig.skip(1).chain(sequence.paths()).collect(),
-            beside,
+            beside: self.outputs().skip(1).collect(),
             in_place: false,
             force: self.force,
         }
         .check_beside()
+    }
+
+    /// The files to write, the motion first.
+    fn outputs(&self) -> impl Iterator<Item = &Path> {
+        let beside = [Some(self.table.as_path()), self.log.as_deref(), self.page.as_deref()];
+        [self.output.as_path()].into_iter().chain(beside.into_iter().flatten())
     }
 
     /// The files of the clouds as they were named, without folders.

@@ -2,11 +2,12 @@
 
 use super::Request;
 use super::seen::{Given, Seen};
+use super::sequence::Sequence;
 use crate::report::{count, lines, short};
 use crate::rig::Rig;
 use crate::runs::Stretch;
 use crate::solve::track::Way;
-use crate::typeset::Style;
+use crate::typeset::{Style, Tone};
 use formats::{Note, printable};
 use serde::Serialize;
 use std::path::{Path, PathBuf};
@@ -36,6 +37,8 @@ pub struct Report {
     pub log_error: Option<String>,
     /// The report to look at.
     pub page: Option<PathBuf>,
+    /// The files that would be written, if nothing was because nothing was to be.
+    pub would_write: Option<Vec<PathBuf>>,
     /// Frames per second.
     pub rate_hz: f64,
     /// Unit of length of the rig, and of what was written.
@@ -76,6 +79,7 @@ impl Report {
             log: None,
             log_error: None,
             page: None,
+            would_write: request.dry_run.then(|| request.outputs().map(Path::to_path_buf).collect()),
             rate_hz: request.rate_hz,
             unit: rig.unit.symbol(),
             joints: rig.body.tree.joints(),
@@ -91,6 +95,13 @@ impl Report {
             notes: rig.notes.clone(),
             took: Duration::ZERO,
         }
+    }
+
+    /// Takes in which frames there are.
+    pub fn foresee(&mut self, sequence: &Sequence) {
+        self.frames = sequence.frames();
+        let number = |at: usize| sequence.first + at as u32;
+        self.missing = Stretch::all(self.frames, |at| number(at).into(), |at| !sequence.has(number(at)));
     }
 
     /// Takes in what became of the frames.
@@ -145,7 +156,11 @@ impl Report {
 
     /// For people.
     pub fn text(&self, style: &Style) -> String {
-        let mut out = self.output.iter().map(|output| style.way(&self.clouds, &output.display().to_string())).collect::<String>();
+        let mut out = match (&self.output, &self.would_write) {
+            (Some(output), _) => style.way(&self.clouds, &output.display().to_string()),
+            (None, Some(_)) => style.toned(Tone::Title, &format!("{} (dry run, nothing was written)", self.clouds)) + "\n",
+            (None, None) => String::new(),
+        };
         let mut line = |head: &str, text: String| out.push_str(&style.item(head, &text));
         let seconds = self.frames as f64 / self.rate_hz;
         line("take", format!("{} at {} Hz ({seconds:.1} s), in {}", count(self.frames, "frame"), short(self.rate_hz), self.unit));
@@ -156,7 +171,12 @@ impl Report {
         };
         let secs = self.took.as_secs_f64();
         let pace = if secs > 0.0 { format!(", {:.0} frames/s", self.frames as f64 / secs) } else { String::new() };
-        line("tracked", format!("{} by {}{searched}{pace}", count(self.tracked() + Stretch::total(&self.searched), "frame"), self.method));
+        let frames = count(self.tracked() + Stretch::total(&self.searched), "frame");
+        if self.would_write.is_some() {
+            line("to track", format!("{frames} by {}", self.method));
+        } else {
+            line("tracked", format!("{frames} by {}{searched}{pace}", self.method));
+        }
         if self.residual_cm.is_finite() {
             let share = 100.0 * self.inliers;
             line("points", format!("{:.2} cm from the body, {share:.0} % belong to it (means over frames)", self.residual_cm));
@@ -181,6 +201,7 @@ impl Report {
         for (head, path) in [("log", &self.log), ("frames", &self.table), ("report", &self.page)] {
             out.extend(path.iter().map(|path| style.name(head, &path.display().to_string())));
         }
+        out.extend(self.would_write.iter().flatten().map(|path| style.name("to write", &path.display().to_string())));
         out
     }
 
@@ -221,6 +242,7 @@ impl Report {
                 log: Option<String>,
                 log_error: Option<&'a str>,
                 report: Option<String>,
+                dry_run: bool,
                 method: &'a str,
                 rate_hz: f64,
                 unit: &'a str,
@@ -252,6 +274,7 @@ impl Report {
             log: path(&self.log),
             log_error: self.log_error.as_deref(),
             report: path(&self.page),
+            dry_run: self.would_write.is_some(),
             method: self.method,
             rate_hz: self.rate_hz,
             unit: self.unit,

@@ -39,7 +39,7 @@ pub struct Seen {
     pub inliers: f64,
     /// Root mean square distance of those points from their vertices, cm; NaN without any.
     pub residual_cm: f64,
-    /// For each part, the share of its surface with points beside it; NaN for joints without a surface.
+    /// For each part, the share of its surface with points beside it; NaN for joints without a surface, and without a cloud.
     pub coverage: Vec<f64>,
     /// For each part, the root mean square distance of its points, cm; NaN if there are none.
     pub residuals_cm: Vec<f64>,

@@ -7,6 +7,7 @@ use crate::solve::ik::Vec3;
 use crate::solve::track::{Cloud, vertex_normals};
 use crate::staging;
 use formats::rig::read_mesh;
+use formats::{Note, Notes};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -190,11 +191,25 @@ impl Sequence {
     }
 
     fn frame(&self, number: u32, unit_cm: f64) -> Result<Frame, RepairError> {
+        let notes = Notes::new();
         let cloud = match self.files.get(&number) {
-            Some(path) => Some(read_cloud(path, unit_cm)?),
+            Some(path) => Some(read_cloud(path, unit_cm, &notes)?),
             None => None,
         };
-        Ok(Frame { number, cloud })
+        Ok(Frame { number, cloud, notes: notes.take() })
+    }
+
+    /// Reads the first cloud that there is.
+    ///
+    /// # Errors
+    /// It cannot be read, or is damaged.
+    pub fn first_cloud(&self, unit_cm: f64) -> Result<Option<Frame>, RepairError> {
+        self.files.keys().next().map(|&number| self.frame(number, unit_cm)).transpose()
+    }
+
+    /// True if the frame of this number has a file.
+    pub fn has(&self, number: u32) -> bool {
+        self.files.contains_key(&number)
     }
 }
 
@@ -205,6 +220,8 @@ pub struct Frame {
     pub number: u32,
     /// Its cloud; `None` if there is no file.
     pub cloud: Option<Cloud>,
+    /// What was assumed or found odd; the same of all clouds that are alike.
+    pub notes: Vec<Note>,
 }
 
 /// Frames that are being read, in their order. Dropping it ends the reading.
@@ -225,9 +242,20 @@ impl Iterator for Clouds {
 }
 
 /// Reads a cloud. Without normals of its own it gets those of its faces; without faces as well it has none, which fit all.
-fn read_cloud(path: &Path, unit_cm: f64) -> Result<Cloud, RepairError> {
+fn read_cloud(path: &Path, unit_cm: f64, notes: &Notes) -> Result<Cloud, RepairError> {
     let bytes = expand(read(path)?, path)?;
-    let mesh = read_mesh(&bytes).map_err(|error| RepairError::Format { path: path.to_owned(), error })?;
+    let said = Notes::new();
+    let mesh = read_mesh(&bytes, &said).map_err(|error| RepairError::Format { path: path.to_owned(), error })?;
+    for note in said.take() {
+        notes.add(match note {
+            Note::Contradiction { text } => Note::Contradiction { text: format!("clouds: {text}") },
+            other => other,
+        });
+    }
+    if mesh.normals.is_empty() && mesh.faces.is_empty() && !mesh.vertices.is_empty() {
+        let text = "clouds have no normals: a point may belong to any part that is near, even to one whose surface faces away (--nthresh tests nothing)";
+        notes.add(Note::Assumed { text: text.to_owned() });
+    }
     let points: Vec<Vec3> = mesh.vertices.iter().map(|x| Vec3::from(*x) * unit_cm).collect();
     let normals = if mesh.normals.len() == points.len() {
         mesh.normals.iter().map(|x| Vec3::from(*x)).collect()

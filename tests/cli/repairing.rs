@@ -35,14 +35,14 @@ fn the_demonstration_of_a_body_is_a_rig_with_clouds() {
     assert_eq!(ran.out.lines().collect::<Vec<_>>(), names.map(|name| format!("body/{name}")));
     let notes = Notes::new();
     let skeleton = read_skeleton(&lab.read("body/body.skl"), &notes).unwrap();
-    let mesh = read_mesh(&lab.read("body/body.off")).unwrap();
+    let mesh = read_mesh(&lab.read("body/body.off"), &Notes::new()).unwrap();
     let parts = read_parts(&lab.read("body/body.vj"), &skeleton, mesh.vertices.len()).unwrap();
     let limits = read_limits(&lab.read("body/body.cst"), &skeleton, None, &notes).unwrap();
     assert_eq!((skeleton.joints.len(), skeleton.freedom(), limits.iter().flatten().count()), (15, 29, 13));
     assert_eq!((parts.len(), mesh.normals.len()), (mesh.vertices.len(), mesh.vertices.len()));
     assert_eq!(std::fs::read_dir(lab.path("body/clouds")).unwrap().count(), 60);
     for frame in [0, 59] {
-        let cloud = read_mesh(&lab.read(&format!("body/clouds/frame_{frame:03}.off"))).unwrap();
+        let cloud = read_mesh(&lab.read(&format!("body/clouds/frame_{frame:03}.off")), &Notes::new()).unwrap();
         assert_eq!((cloud.vertices.len(), cloud.normals.len(), cloud.faces.len()), (2500, 2500, 0));
     }
     for (name, columns) in [("markers.csv", 1 + 3 * 41), ("truth_joints.csv", 1 + 3 * 14)] {

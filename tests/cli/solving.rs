@@ -307,7 +307,12 @@ fn gaps_are_filled_from_the_body() {
         (gaps.iter().map(square).sum::<f64>() / gaps.len() as f64).sqrt()
     };
     let command = [&["in.c3d", "-o", "out.c3d", "--method", "skeleton", "--map", "map.csv", "--fills", "fills.csv"], &BODY[..]].concat();
-    lab.run(&command).with_code(0);
+    let told = lab.run(&[&command[..], &["--explain"]].concat()).with_code(0).sentences();
+    for (part, neighbour) in [("l_thigh", "actor:l_thigh_"), ("r_farm", "actor:r_farm_")] {
+        let gap = told.split("\ngap ").skip(1).find(|gap| gap.contains(&format!("actor:{part}_0,"))).unwrap();
+        assert!(gap.contains(&format!("pose of {part}")) && gap.contains("judged by"), "{gap}");
+        assert!(gap.lines().any(|line| line.contains("neighbours") && line.contains(neighbour)), "{gap}");
+    }
     lab.run(&["in.c3d", "-o", "spline.c3d", "--method", "spline", "--no-log"]).with_code(0);
     let (skeleton, spline) = (rms_mm("out.c3d"), rms_mm("spline.c3d"));
     assert!(skeleton < 15.0 && skeleton < 0.5 * spline, "skeleton {skeleton} mm, spline {spline} mm");
@@ -322,4 +327,46 @@ fn gaps_are_filled_from_the_body() {
     let ran = lab.run(&[&command[..], &["--force"]].concat()).with_code(3);
     assert!(ran.sentences().contains("markers that --map does not have are filled by splines: actor:l_thigh_0"), "{}", ran.out);
     assert!(missing(&lab.take("out.c3d")).is_empty());
+}
+
+#[test]
+fn a_dry_run_looks_and_writes_nothing() {
+    let lab = lab(&without(&walk(&MarkerOptions::default()), |_, name| name == "l_thigh_0"));
+    let before = lab.listing();
+    let ran = run(&lab, &["--dry-run"]).with_code(0);
+    assert!(ran.out.starts_with("in.c3d (dry run, nothing was written)\n"), "{}", ran.out);
+    let told = ran.sentences();
+    assert!(["l_thigh_0", "are used", "out.bvh", "out.frames.csv"].iter().all(|what| told.contains(what)), "{told}");
+    let summary = run(&lab, &["--dry-run", "--json"]).with_code(0).messages().pop().unwrap();
+    assert_eq!((&summary["dry_run"], &summary["output"], &summary["frames"]), (&true.into(), &serde_json::Value::Null, &FRAMES.into()));
+    lab.write("bad.csv", "marker,vertex,joint\nx,999999,torso\n");
+    let words: Vec<&str> = [&["solve", "in.c3d", "-o", "out.bvh", "--map", "bad.csv", "--dry-run"], &BODY[..]].concat();
+    let ran = lab.run(&words);
+    assert!(ran.code == 1 && ran.err.contains("bad.csv: "), "{ran:?}");
+    assert!(lab.new_since(&before) == ["bad.csv"]);
+}
+
+#[test]
+fn a_spine_bends_and_is_in_the_output() {
+    let lab = lab(&walk(&MarkerOptions::default()));
+    run(&lab, &["--no-log"]).with_code(0);
+    let stiff = errors_cm(&lab).0;
+    run(&lab, &["--no-log", "--spine", "--force"]).with_code(0);
+    assert!(lab.text("out.bvh").contains("JOINT torso_spine"));
+    let bent = errors_cm(&lab).0;
+    assert!(bent < stiff + 0.1, "{bent} cm with a spine, {stiff} cm without");
+}
+
+#[test]
+fn the_second_limit_of_a_ball_may_be_a_twist() {
+    let lab = lab(&walk(&MarkerOptions::default()));
+    run(&lab, &["--cst-ball", "swing-twist"]).with_code(0);
+    assert_eq!(lab.log_metadata("out.mcap").get("option.cst_ball").map(String::as_str), Some("swing-twist"));
+    assert!(errors_cm(&lab).0 < 2.0, "{:?}", errors_cm(&lab));
+    let without: Vec<&str> = ["solve", "in.c3d", "-o", "o.bvh", "--map", "map.csv", "--cst-ball", "swing-twist"]
+        .into_iter()
+        .chain(BODY[..6].iter().copied())
+        .collect();
+    let ran = lab.run(&without);
+    assert!(ran.code == 2 && ran.err.contains("--cst <FILE.cst>"), "{ran:?}");
 }

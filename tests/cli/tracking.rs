@@ -263,6 +263,25 @@ fn the_report_shows_what_became_of_the_frames() {
             assert!(value.is_null() || (value.as_f64().unwrap() - told.parse::<f64>().unwrap()).abs() < 0.051, "{value}: {row}");
         }
     }
+    // parts and rounds are those of the table, too
+    let by_part = &followed["by_part"];
+    assert_eq!(by_part["markers"], serde_json::json!([1, 2]), "the root moves no vertex");
+    for (at, row) in table.lines().skip(1).enumerate() {
+        let cells: Vec<&str> = row.split(',').collect();
+        let rounds = by_part["rounds"][at].as_array().unwrap();
+        assert_eq!(rounds.len().to_string(), cells[3], "{row}");
+        if let Some(last) = rounds.last() {
+            assert!((last[1].as_f64().unwrap() - cells[5].parse::<f64>().unwrap()).abs() < 6e-4, "{last}: {row}");
+        }
+        for part in 0..2 {
+            for (values, column, unit, step) in [("coverage", 8 + 3 * part, 100.0, 0.51), ("residual_cm", 9 + 3 * part, 1.0, 0.0051)] {
+                let value = &by_part[values][part][at];
+                assert_eq!(value.is_null(), cells[column].is_empty(), "{row}");
+                let told = cells[column].parse::<f64>().unwrap_or_default();
+                assert!((value.as_f64().unwrap_or_default() - unit * told).abs() < step, "{value}: {row}");
+            }
+        }
+    }
     let streams: Vec<&str> = page["streams"].as_array().unwrap().iter().map(|stream| stream["name"].as_str().unwrap()).collect();
     assert!(streams.contains(&"cloud"), "{streams:?}");
     let ran = run(&lab, &["--json", "--report", "out.html", "--force"]).with_code(3);
@@ -290,7 +309,7 @@ fn frames_without_points_are_predicted_and_told() {
     assert!(worst_cm(&lab, 0..FRAMES) < 1.0);
     let table = lab.text("out.frames.csv");
     let row = table.lines().find(|line| line.starts_with("10,")).unwrap();
-    assert!(row.starts_with("10,predicted,0,0,,,,,"), "{row}");
+    assert_eq!(row, "10,predicted,0,0,,,,,,,0,,,0");
     let log = lab.read("out.mcap");
     let notes = messages::<mocap_repair::log::schema::foxglove::Log>(&log, "/log");
     let told: Vec<(u64, &str)> = notes.iter().map(|(time, note)| (*time, note.message.as_str())).collect();
@@ -327,8 +346,53 @@ fn clouds_may_be_compressed_and_need_no_normals() {
         std::fs::remove_file(lab.path(&name(frame))).unwrap();
         lab.write(&format!("{}.zst", name(frame)), zstd::encode_all(&text[..], 3).unwrap());
     }
-    run(&lab, &["--method", "planes"]).with_code(0);
+    let ran = run(&lab, &["--method", "planes"]).with_code(3);
+    assert_eq!(ran.sentences().matches("clouds have no normals").count(), 1, "{}", ran.out);
     assert!(worst_cm(&lab, 0..FRAMES) < 0.3);
+}
+
+#[test]
+fn normals_need_not_be_announced() {
+    let lab = lab();
+    for frame in 0..FRAMES {
+        lab.write(&name(frame), lab.text(&name(frame)).replacen("NOFF", "OFF", 1));
+    }
+    let ran = run(&lab, &[]).with_code(0);
+    assert_eq!(ran.sentences().matches("clouds: OFF at the beginning says nothing of normals").count(), 1, "{}", ran.out);
+    assert!(worst_cm(&lab, 0..FRAMES) < 0.2);
+}
+
+#[test]
+fn a_dry_run_looks_and_writes_nothing() {
+    let lab = lab();
+    let before = lab.listing();
+    let ran = run(&lab, &["--dry-run"]).with_code(0);
+    assert!(ran.out.starts_with("cloud_%02d.off (dry run, nothing was written)\n"), "{}", ran.out);
+    let told = ran.sentences();
+    assert!(["12 frames by planes", "out.bvh", "out.frames.csv", "out.mcap"].iter().all(|what| told.contains(what)), "{told}");
+    assert!(lab.new_since(&before).is_empty());
+    std::fs::remove_file(lab.path(&name(7))).unwrap();
+    let messages = run(&lab, &["--dry-run", "--json"]).with_code(3).messages();
+    assert_eq!((&messages[0]["message_type"], &messages[0]["first_frame"]), (&"predicted".into(), &10.into()), "{messages:?}");
+    let summary = messages.last().unwrap();
+    assert_eq!((&summary["dry_run"], &summary["output"], &summary["frames"]), (&true.into(), &serde_json::Value::Null, &12.into()));
+    // what would fail fails
+    lab.write(&name(0), "OFF\n2 0 0\n1 2 3\n1 x 3\n");
+    let before = lab.listing();
+    let ran = run(&lab, &["--dry-run"]);
+    assert!(ran.code == 1 && ran.err.contains("cloud_03.off: off: "), "{ran:?}");
+    let ran = lab.run(&[&TRACK[..], &["-o", "nowhere/out.bvh", "--dry-run"]].concat());
+    assert!(ran.code == 1 && ran.err.contains("its folder does not exist"), "{ran:?}");
+    assert!(lab.new_since(&before).is_empty());
+}
+
+#[test]
+fn the_log_says_where_its_report_comes_from() {
+    let lab = lab();
+    run(&lab, &["--last", "5"]).with_code(0);
+    let ran = lab.run(&["report", "out.mcap", "-o", "out.html"]);
+    let told = ran.err.contains("out.mcap: is the log of mocap-repair track") && ran.err.contains("--report FILE.html");
+    assert!(ran.code == 1 && told, "{ran:?}");
 }
 
 #[test]
@@ -379,6 +443,7 @@ fn names_are_checked_before_anything_is_done() {
     refused(&with(&["-o", "out.bvh", "--csv", "x", "--log", "x"]), 1, "is named for two different files");
     refused(&with(&["-o", "out.bvh", "--csv", "x", "--report", "x"]), 1, "is named for two different files");
     refused(&with(&["-o", "out.bvh", "--first", "1"]), 1, "there are files from 3 to 14");
+    refused(&with(&["-o", "out.bvh", "--first", "5", "--last", "3"]), 2, "--first 5 is behind --last 3");
     refused(&with(&["-o", "out.bvh", "--nthresh", "0.5", "--normal-angle", "60"]), 2, "--normal-angle");
     let mut other = with(&["-o", "out.bvh"]);
     let mut said = String::new();

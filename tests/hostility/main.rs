@@ -70,7 +70,7 @@ fn one(bytes: &[u8], figures: &mut Figures, program: Instant) -> Result<(), Stri
     let opens = || {
         let format = formats::detect(bytes.get(..bytes.len().min(4096)).unwrap_or(bytes), None);
         let take = format.is_ok_and(|format| format.open(bytes.to_vec(), &Stated::default(), &Notes::new()).is_ok());
-        take || formats::rig::read_mesh(bytes).is_ok() || formats::rig::read_skeleton(bytes, &Notes::new()).is_ok()
+        take || formats::rig::read_mesh(bytes, &Notes::new()).is_ok() || formats::rig::read_skeleton(bytes, &Notes::new()).is_ok()
     };
     let checks =
         [("open_any", checks::open_any as fn(&[u8]) -> Result<(), String>), ("roundtrip", checks::roundtrip), ("rigs", checks::rigs)];

@@ -337,6 +337,44 @@ for (const name of ["walk", "complete"]) {
   await close();
 }
 
+// A body in clouds: parts over time, and the rounds of the frame that is shown.
+{
+  const { page, close } = await open("body");
+  check("clouds that are not there are told", (await page.locator("#events").textContent()).includes("no file"));
+  const map = page.locator("#parts .part-map .u-over");
+  await map.scrollIntoViewIfNeeded();
+  const box = await map.boundingBox();
+  const hover = async (x, y) => {
+    await page.mouse.move(box.x + x * box.width, box.y + y * box.height);
+    return page.locator("#parts .tip").textContent();
+  };
+  check("a part says how it was followed", /^\S+, frame \d+: \d+ % covered, [\d.]+ cm from its points$/.test(await hover(0.8, 0.3)), await hover(0.8, 0.3));
+  check("and that it had no points", (await hover(20.5 / 60 + 0.005, 0.3)).endsWith(": no points"), await hover(20.5 / 60 + 0.005, 0.3));
+  const pick = page.getByLabel("The part whose curves are shown");
+  const was = await pick.inputValue();
+  await page.mouse.click(box.x + 0.8 * box.width, box.y + 0.9 * box.height);
+  check("a click on a part shows its curves", (await pick.inputValue()) !== was, was);
+  check("and goes to the frame", Math.abs((await frame(page)) - 48) < 3, await frame(page));
+  const picture = () => page.locator("#parts .part-map").screenshot();
+  const coverage = await picture();
+  await page.getByLabel("What the colours show").selectOption("residual_cm");
+  await page.mouse.move(5, 5);
+  await page.waitForTimeout(200);
+  const seen = await compare(coverage, await picture());
+  check("the colours can show distances", seen.different > 500 && seen.colours > 10, seen);
+
+  const rounds = page.locator("#rounds");
+  check("the rounds of the frame are told", new RegExp(`Frame ${await frame(page)}: \\d+ rounds`).test(await rounds.textContent()), await rounds.textContent());
+  check("with how they began and ended", (await rounds.locator(".track-value").allTextContents()).every((text) => text.includes("→")));
+  const before = await rounds.locator("canvas").first().screenshot();
+  await page.keyboard.press("Shift+ArrowLeft");
+  await page.waitForTimeout(200);
+  check("another frame has other rounds", (await compare(before, await rounds.locator("canvas").first().screenshot())).different > 20);
+  for (let k = 0; k < 100 && (await frame(page)) > 20; k++) await page.keyboard.press("ArrowLeft");
+  check("a frame without a cloud has none", (await rounds.textContent()).includes("Frame 20: no rounds"), await rounds.textContent());
+  await close();
+}
+
 // Names are text.
 {
   const { page, close } = await open("hostile");

@@ -1,7 +1,7 @@
 // Makes the pages that are looked at, with the program itself.
 
 import { execFileSync } from "node:child_process";
-import { mkdirSync, readFileSync, readdirSync, statSync, writeFileSync } from "node:fs";
+import { mkdirSync, readFileSync, readdirSync, rmSync, statSync, writeFileSync } from "node:fs";
 import { join } from "node:path";
 
 /** Names that would do harm if any of them became markup or code. */
@@ -48,5 +48,10 @@ export function makePages(program, folder) {
   const hostile = "<img src=x onerror=document.title='owned'>.csv";
   writeFileSync(at(hostile), lines.join("\n"));
   repair("hostile", hostile, "--method", "spline", "--rate", "120", "--units", "mm");
-  return Object.fromEntries(["walk", "complete", "occluded", "single", "spiked", "hostile"].map((name) => [name, { path: at(`${name}.html`), bytes: statSync(at(`${name}.html`)).size }]));
+  // a body in clouds, two of which are not there
+  run(program, "demo", "--kind", "body", "-o", at("body"), "--frames", "60");
+  for (const frame of [20, 21]) rmSync(at(`body/clouds/frame_0${frame}.off`));
+  const rig = ["skl", "off", "vj"].flatMap((kind) => [`--${kind}`, at(`body/body.${kind}`)]);
+  run(program, "track", at("body/clouds/frame_%03d.off"), ...rig, "-o", at("body.bvh"), "--no-log", "--report", at("body.html"));
+  return Object.fromEntries(["walk", "complete", "occluded", "single", "spiked", "hostile", "body"].map((name) => [name, { path: at(`${name}.html`), bytes: statSync(at(`${name}.html`)).size }]));
 }

@@ -14,11 +14,11 @@ pub const SEQUENCES: [(&str, usize); 2] = [("walk", 100), ("gym", 120)];
 pub fn sequence(folder: &Path, clouds: usize) -> Result<(), Failed> {
     let file = |name: &str| std::fs::read(folder.join(name));
     let notes = Notes::new();
-    let mesh = rig::read_mesh(&file("model.off")?)?;
+    let mesh = rig::read_mesh(&file("model.off")?, &notes)?;
     expect("vertices and faces", (mesh.vertices.len(), mesh.faces.len()), (3501, 6998))?;
     let mut out = Vec::new();
     rig::write_mesh(&mesh, &mut out)?;
-    expect("the surface again", rig::read_mesh(&out)? == mesh, true)?;
+    expect("the surface again", rig::read_mesh(&out, &notes)? == mesh, true)?;
     let skeleton = rig::read_skeleton(&file("model.skl")?, &notes)?;
     expect("joints and degrees of freedom", (skeleton.joints.len(), skeleton.freedom()), (15, 29))?;
     expect("notes", notes.take().len(), 0)?;
@@ -35,7 +35,7 @@ pub fn sequence(folder: &Path, clouds: usize) -> Result<(), Failed> {
     rig::write_parts(&parts, &skeleton, &mut out)?;
     expect("the parts again", rig::read_parts(&out, &skeleton, mesh.vertices.len())? == parts, true)?;
     for frame in 0..clouds {
-        let cloud = rig::read_mesh(&file(&format!("clouds/frame_{frame:03}.off"))?)?;
+        let cloud = rig::read_mesh(&file(&format!("clouds/frame_{frame:03}.off"))?, &notes)?;
         // points with normals, or a surface that gives them
         expect("normals", cloud.normals.len() == cloud.vertices.len() || !cloud.faces.is_empty(), true)?;
         expect("an empty cloud", cloud.vertices.is_empty(), false)?;

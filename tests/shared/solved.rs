@@ -63,10 +63,12 @@ fn solved(folder: &Path, bound: &Bound) -> Result<(), Failed> {
         log_rate_hz: None,
         page: None,
         force: false,
+        dry_run: false,
     };
     let report = fit(&request, &mut ())?;
     super::expect("markers", report.markers.len(), 41)?;
-    let (mean, worst) = super::tracked::errors_cm(&std::fs::read(&request.output)?, &std::fs::read_to_string(named("truth_joints.csv"))?)?;
+    let super::tracked::Errors { mean, worst, .. } =
+        super::tracked::errors_cm(&std::fs::read(&request.output)?, &std::fs::read_to_string(named("truth_joints.csv"))?)?;
     if mean <= bound.mean_cm && worst <= bound.worst_cm {
         Ok(())
     } else {

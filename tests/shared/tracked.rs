@@ -4,23 +4,29 @@ use libtest_mimic::{Failed, Trial};
 use mocap_repair::rig::{RigFiles, read_rig};
 use mocap_repair::solve::track::{Method, Settings};
 use mocap_repair::track::{Pattern, Request, track};
+use std::ops::{Range, RangeInclusive};
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 
-/// A sequence, a method, and the mean and largest distance of joints from the truth, cm, that it must not exceed.
+/// A sequence, a method, and between what its distances of joints from the truth have to be, cm: their mean, the largest one, and the share of frames
+/// whose own mean is beyond 5 cm.
 struct Bound {
     sequence: &'static str,
     method: Method,
-    mean_cm: std::ops::Range<f64>,
-    worst_cm: f64,
+    mean_cm: Range<f64>,
+    worst_cm: Range<f64>,
+    lost: RangeInclusive<f64>,
 }
 
-/// The report's own method is to be as good as it was measured elsewhere, and not much better.
+/// A frame whose joints are farther off than this on average is lost, cm.
+const LOST_CM: f64 = 5.0;
+
+/// The report's own method is to be as good as it was measured elsewhere within 20 %, and not much better: 1.26, 19 and 0, and 11.05, 126 and 0.58.
 const BOUNDS: [Bound; 4] = [
-    Bound { sequence: "walk", method: Method::Planes, mean_cm: 0.0..0.45, worst_cm: 1.75 },
-    Bound { sequence: "gym", method: Method::Planes, mean_cm: 0.0..0.60, worst_cm: 2.5 },
-    Bound { sequence: "walk", method: Method::Report, mean_cm: 1.01..1.51, worst_cm: f64::INFINITY },
-    Bound { sequence: "gym", method: Method::Report, mean_cm: 8.84..13.26, worst_cm: f64::INFINITY },
+    Bound { sequence: "walk", method: Method::Planes, mean_cm: 0.0..0.45, worst_cm: 0.0..1.75, lost: 0.0..=0.0 },
+    Bound { sequence: "gym", method: Method::Planes, mean_cm: 0.0..0.60, worst_cm: 0.0..2.5, lost: 0.0..=0.0 },
+    Bound { sequence: "walk", method: Method::Report, mean_cm: 1.01..1.51, worst_cm: 15.2..22.8, lost: 0.0..=0.0 },
+    Bound { sequence: "gym", method: Method::Report, mean_cm: 8.84..13.26, worst_cm: 100.8..151.2, lost: 0.464..=0.696 },
 ];
 
 /// The tests, as far as their sequences are there.
@@ -60,20 +66,33 @@ fn followed(folder: &Path, bound: &Bound) -> Result<(), Failed> {
         log_rate_hz: None,
         page: None,
         force: false,
+        dry_run: false,
     };
     read_rig(&request.rig)?;
     track(&request, &mut (), &AtomicBool::new(false))?;
-    let (mean, worst) = errors_cm(&std::fs::read(output.path().join("out.bvh"))?, &std::fs::read_to_string(named("truth_joints.csv"))?)?;
-    let fine = bound.mean_cm.contains(&mean) && worst <= bound.worst_cm;
+    let Errors { mean, worst, lost } =
+        errors_cm(&std::fs::read(output.path().join("out.bvh"))?, &std::fs::read_to_string(named("truth_joints.csv"))?)?;
+    let fine = bound.mean_cm.contains(&mean) && bound.worst_cm.contains(&worst) && bound.lost.contains(&lost);
     if fine {
         Ok(())
     } else {
-        Err(format!("mean {mean:.3} cm, worst {worst:.2} cm; allowed are {:?} and {}", bound.mean_cm, bound.worst_cm).into())
+        let Bound { mean_cm, worst_cm, lost: share, .. } = bound;
+        Err(format!("mean {mean:.3} cm, worst {worst:.2} cm, lost {lost:.3}; allowed are {mean_cm:?}, {worst_cm:?} and {share:?}").into())
     }
 }
 
-/// Mean and largest distance of the joints of a BVH file from those of a table, cm.
-pub fn errors_cm(bvh: &[u8], truth: &str) -> Result<(f64, f64), Failed> {
+/// Distances of joints from the truth, cm.
+pub struct Errors {
+    /// Their mean.
+    pub mean: f64,
+    /// The largest one.
+    pub worst: f64,
+    /// The share of frames whose own mean is beyond 5 cm.
+    pub lost: f64,
+}
+
+/// How far the joints of a BVH file are from those of a table.
+pub fn errors_cm(bvh: &[u8], truth: &str) -> Result<Errors, Failed> {
     use formats::{Format, Notes, Stated, Unit};
     let stated = Stated { unit: Some(Unit::Centimetre), ..Stated::default() };
     let document = formats::bvh::Bvh.open(bvh.to_vec(), &stated, &Notes::new())?;
@@ -81,9 +100,10 @@ pub fn errors_cm(bvh: &[u8], truth: &str) -> Result<(f64, f64), Failed> {
     let mut lines = truth.lines();
     let joints: Vec<&str> =
         lines.next().unwrap_or_default().split(',').skip(1).step_by(3).filter_map(|name| name.strip_suffix("_x")).collect();
-    let (mut sum, mut count, mut worst) = (0.0, 0, 0.0_f64);
+    let (mut sum, mut count, mut worst, mut lost) = (0.0, 0, 0.0_f64, 0_u32);
     for (frame, line) in lines.enumerate() {
         let row: Vec<f64> = line.split(',').map(str::parse).collect::<Result<_, _>>()?;
+        let before = sum;
         for (at, joint) in joints.iter().enumerate() {
             let column = (0..take.markers.len()).find(|&m| take.markers[m].label == *joint).ok_or("a joint is missing")?;
             let is = take.position_mm(frame, column).ok_or("a joint is nowhere")?;
@@ -92,8 +112,11 @@ pub fn errors_cm(bvh: &[u8], truth: &str) -> Result<(f64, f64), Failed> {
             count += 1;
             worst = worst.max(off);
         }
+        if (sum - before) / joints.len() as f64 > LOST_CM {
+            lost += 1;
+        }
     }
     super::expect("frames", take.frames(), count / joints.len().max(1))?;
     super::expect("joints", joints.len(), 14)?;
-    Ok((sum / f64::from(u32::try_from(count)?), worst))
+    Ok(Errors { mean: sum / f64::from(u32::try_from(count)?), worst, lost: f64::from(lost) / take.frames() as f64 })
 }

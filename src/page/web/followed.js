@@ -69,55 +69,57 @@ function eventGrounds(take, events) {
   return grounds;
 }
 
-/** Values over frames, one below the other; frames with events stand on a ground of their own. */
-function followedCurves({ model, take, gaps }) {
-  if (!model.followed) return null;
+/** A range with some room above and below. */
+const roomy = (_, low, high) => {
+  if (low === null) return [0, 1];
+  const room = Math.max(0.08 * (high - low), 1e-4 * Math.abs(high), 1e-4);
+  return [low - room, high + room];
+};
+
+/** A value over frames, `values()`, with what it is at the playhead; frames with events stand on a ground of their own. */
+function framePane(take, grounds, title, values) {
+  const host = el("div");
+  const value = el("output", { className: "track-value" });
+  const tell = () => {
+    const x = values()[state.frame];
+    value.textContent = `${x === null || x === undefined ? "unknown" : short(x)}  at frame ${take.label(state.frame)}`;
+  };
+  const shade = (plot) => {
+    const { ctx, bbox } = plot;
+    for (const { start, frames, searched } of grounds) {
+      const left = Math.max(bbox.left, plot.valToPos(take.label(start - 0.5), "x", true));
+      const right = Math.min(bbox.left + bbox.width, plot.valToPos(take.label(start + frames - 0.5), "x", true));
+      ctx.fillStyle = alpha(colour(searched ? "band" : "filled"), 0.16);
+      if (right > left) ctx.fillRect(left, bbox.top, right - left, bbox.height);
+    }
+  };
   const labels = Array.from({ length: take.frames }, (_, frame) => take.label(frame));
-  const grounds = eventGrounds(take, gaps);
-  const values = [];
-  const panes = model.followed.curves.map((series) => {
-    const host = el("div");
-    const value = el("output", { className: "track-value" });
-    values.push(() => {
-      const x = series.values[state.frame];
-      value.textContent = `${x === null || x === undefined ? "unknown" : short(x)}  at frame ${take.label(state.frame)}`;
-    });
-    const shade = (plot) => {
-      const { ctx, bbox } = plot;
-      for (const { start, frames, searched } of grounds) {
-        const left = Math.max(bbox.left, plot.valToPos(take.label(start - 0.5), "x", true));
-        const right = Math.min(bbox.left + bbox.width, plot.valToPos(take.label(start + frames - 0.5), "x", true));
-        ctx.fillStyle = alpha(colour(searched ? "band" : "filled"), 0.16);
-        if (right > left) ctx.fillRect(left, bbox.top, right - left, bbox.height);
-      }
-    };
-    chart(host, {
-      take,
-      playhead: true,
-      jumps: true,
-      label: `${series.title} over frames`,
-      options: () => ({
-        height: 116,
-        padding: [6, 16, 0, 0],
-        cursor: { sync: { key: "followed", setSeries: false }, ...ZOOMS },
-        scales: {
-          x: { time: false, range: frameRange(take) },
-          y: { range: (_, low, high) => {
-            if (low === null) return [0, 1];
-            const room = Math.max(0.08 * (high - low), 1e-4 * Math.abs(high), 1e-4);
-            return [low - room, high + room];
-          } },
-        },
-        axes: [frameAxis({ size: 24 }), axis({ size: 58, space: 26, values: (_, at) => at.map(compact) })],
-        series: [{}, { stroke: colour("measured"), width: 1.6, points: { show: take.frames < 3 } }],
-        hooks: { drawClear: [shade] },
-      }),
-      data: () => [labels, series.values],
-    });
-    return el("div", { className: "pane keep" }, el("h3", {}, series.title, value), host);
+  const made = chart(host, {
+    take,
+    playhead: true,
+    jumps: true,
+    label: `${title} over frames`,
+    options: () => ({
+      height: 116,
+      padding: [6, 16, 0, 0],
+      cursor: { sync: { key: "followed", setSeries: false }, ...ZOOMS },
+      scales: { x: { time: false, range: frameRange(take) }, y: { range: roomy } },
+      axes: [frameAxis({ size: 24 }), axis({ size: 58, space: 26, values: (_, at) => at.map(compact) })],
+      series: [{}, { stroke: colour("measured"), width: 1.6, points: { show: take.frames < 3 } }],
+      hooks: { drawClear: [shade] },
+    }),
+    data: () => [labels, values()],
   });
-  const tell = () => values.forEach((one) => one());
   listen("frame", tell);
   tell();
+  const again = () => (made.build(), tell());
+  return { node: el("div", { className: "pane keep" }, el("h3", {}, title, value), host), again };
+}
+
+/** Values over frames, one below the other. */
+function followedCurves({ model, take, gaps }) {
+  if (!model.followed) return null;
+  const grounds = eventGrounds(take, gaps);
+  const panes = model.followed.curves.map((series) => framePane(take, grounds, series.title, () => series.values).node);
   return section("curves", "Frame by frame", "A click goes to a frame; dragging zooms, a double click shows all.", el("div", { className: "bone-plots" }, panes));
 }

@@ -44,7 +44,7 @@ async function start() {
   const play = player(parts);
   const columns = el("div", { className: "columns" });
   main.replaceChildren(play.node, columns);
-  for (const part of model.followed ? [eventTable, followedCurves, origin] : [suspects, gapMap, tracks, bonePlots, solver, origin]) {
+  for (const part of model.followed ? [eventTable, followedCurves, partMap, roundPlots, origin] : [suspects, gapMap, tracks, bonePlots, solver, origin]) {
     const node = part(parts);
     if (node) columns.append(node);
   }

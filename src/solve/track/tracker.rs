@@ -258,7 +258,7 @@ impl<'a> Tracker<'a> {
             rounds: Vec::new(),
             way: Way::Predicted,
             inliers: 0.0,
-            coverage: vec![0.0; joints],
+            coverage: vec![f64::NAN; joints],
             residual_cm: vec![f64::NAN; joints],
             lost: lost.to_vec(),
             cloud: None,
