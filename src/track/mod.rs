@@ -17,7 +17,7 @@ use crate::rig::bvh::Poses;
 use crate::rig::{Rig, RigFiles, read_rig};
 use crate::solve::Observer;
 use crate::solve::ik::Vec3;
-use crate::solve::track::{Body, Cloud, Method, Settings, Tracked, Tracker};
+use crate::solve::track::{Body, Cloud, Method, Settings, Tracked, Tracker, middle};
 use crate::staging;
 use formats::Note;
 use formats::bvh::Order;
@@ -193,12 +193,10 @@ const ANOTHER_UNIT: f64 = 5.0;
 /// What is wrong with a cloud whose size has nothing to do with that of the body. Half of the points are looked at: others may be far away.
 fn of_another_size(cloud: &Cloud, body: &Body) -> Option<String> {
     let spread = |points: &[Vec3]| {
-        let median = |mut list: Vec<f64>| {
-            let middle = list.len() / 2;
-            *list.select_nth_unstable_by(middle, f64::total_cmp).1
-        };
-        let middle = Vec3::from_fn(|k, _| median(points.iter().map(|x| x[k]).collect()));
-        median(points.iter().map(|x| (x - middle).norm()).collect())
+        let middle = middle(points.iter().copied());
+        let mut distances: Vec<f64> = points.iter().map(|x| (x - middle).norm()).collect();
+        let half = distances.len() / 2;
+        *distances.select_nth_unstable_by(half, f64::total_cmp).1
     };
     let (cloud, body) = (spread(&cloud.points), spread(&body.vertices));
     let alike = cloud < ANOTHER_UNIT * body && body < ANOTHER_UNIT * cloud;

@@ -18,4 +18,4 @@ pub use expect::{Cloud, Expectation, Expected, Mixture};
 pub use nearest::{Boxes, Brute, Found, Nearest, Query};
 pub use record::{Round, Tracked, Way};
 pub use settings::{Method, Settings};
-pub use tracker::Tracker;
+pub use tracker::{Tracker, middle};

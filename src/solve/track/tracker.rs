@@ -7,9 +7,9 @@ use super::nearest::{Boxes, Nearest};
 use super::record::{Round, Tracked, Way};
 use super::search::{Cost, Limb, cost, left_over, limbs, reach};
 use super::settings::{Method, Settings};
-use super::usual::Usual;
+use super::usual::{Usual, nowhere};
 use crate::solve::ik::terms::{At, Limits, Planes, Points, Pull};
-use crate::solve::ik::{Normal, Pose, Posed, Term};
+use crate::solve::ik::{Normal, Pose, Posed, State, Term, Vec3};
 use std::sync::Arc;
 
 /// A part of the surface is covered where points of the cloud are nearer than this, cm.
@@ -44,6 +44,10 @@ const HELD_POINTS: usize = 1_000_000;
 const FIRST: usize = 10;
 /// Somewhere else is this far, cm.
 const JUMP_CM: f64 = 12.0;
+/// So many frames in a row have to be nowhere near before a body is looked for where the points are: what comes near by itself is found more surely.
+const NOWHERE: usize = 3;
+/// A body is looked for where the points are if their middle is this far from its own, cm.
+const ELSEWHERE_CM: f64 = 20.0;
 /// Normals are judged by a cloud if this share of it is where the body is.
 const TELLING: f64 = 0.3;
 /// Another explanation of a cloud is taken if its cost is below this share of the present one's.
@@ -67,6 +71,8 @@ pub struct Tracker<'a> {
     /// Clouds so far, and whether some joint was far from where it was expected in the last one.
     clouds: usize,
     jumped: bool,
+    /// Frames in a row that the body was nowhere near.
+    nowhere: usize,
     /// True if the normals of the clouds point inwards; absent as long as no cloud has told.
     turned: Option<bool>,
     /// Limbs that were missing when a search last found nothing; frames until the next one, and until the one after that.
@@ -113,6 +119,7 @@ impl<'a> Tracker<'a> {
             lost: vec![false; tree.joints()],
             clouds: 0,
             jumped: false,
+            nowhere: 0,
             turned: None,
             sought: Vec::new(),
             rest: 0,
@@ -288,6 +295,7 @@ impl<'a> Tracker<'a> {
         self.fit.posed.set(&self.body.tree, &expected);
         let far = self.fit.posed.centres.iter().zip(&tracked.centres).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max);
         self.jumped = far > JUMP_CM;
+        self.nowhere = if nowhere(&tracked) { self.nowhere + 1 } else { 0 };
         tracked.lost = self.usual.lost(&tracked, &self.limbs);
         self.usual.learn(&tracked);
         tracked
@@ -335,7 +343,9 @@ impl<'a> Tracker<'a> {
     fn search(&mut self, tracked: Tracked, expected: &Pose, cloud: &Arc<Cloud>) -> Tracked {
         let mut best = (self.cost(&tracked, cloud), tracked);
         let last = self.last.clone();
-        for (start, sigma_cm) in [(expected.clone(), WIDE_CM), (last.clone(), WIDE_CM), (last, self.settings.sigma0_cm)] {
+        let moved = if self.nowhere >= NOWHERE { self.where_points_are(&last, cloud).map(|pose| (pose, WIDE_CM)) } else { None };
+        let starts = [(expected.clone(), WIDE_CM), (last.clone(), WIDE_CM), (last, self.settings.sigma0_cm)];
+        for (start, sigma_cm) in starts.into_iter().chain(moved) {
             let other = self.follow(start.clone(), &start, cloud, sigma_cm);
             self.take(&mut best, other, cloud);
         }
@@ -356,6 +366,18 @@ impl<'a> Tracker<'a> {
             }
         }
         best.1
+    }
+
+    /// A pose shifted to where the middle of the points is, if that is elsewhere and the root shifts.
+    fn where_points_are(&mut self, pose: &Pose, cloud: &Cloud) -> Option<Pose> {
+        let State::Shift(shift) = *pose.0.first()? else { return None };
+        self.fit.posed.set(&self.body.tree, pose);
+        let off = middle(cloud.points.iter().copied()) - middle(self.body.posed(&self.fit.posed.parts));
+        (off.norm() > ELSEWHERE_CM).then(|| {
+            let mut pose = pose.clone();
+            pose.0[0] = State::Shift(shift + off);
+            pose
+        })
     }
 
     /// Takes another explanation if it is clearly better.
@@ -446,4 +468,14 @@ impl<'a> Tracker<'a> {
         }
         rounds
     }
+}
+
+/// The middle of points: the median of each coordinate, which some that are far away do not move.
+pub fn middle(points: impl Iterator<Item = Vec3>) -> Vec3 {
+    let points: Vec<Vec3> = points.collect();
+    Vec3::from_fn(|k, _| {
+        let mut list: Vec<f64> = points.iter().map(|x| x[k]).collect();
+        let half = list.len() / 2;
+        if list.is_empty() { 0.0 } else { *list.select_nth_unstable_by(half, f64::total_cmp).1 }
+    })
 }

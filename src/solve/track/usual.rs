@@ -111,7 +111,7 @@ impl Usual {
 }
 
 /// True if the body is not where the points are, whatever is usual.
-fn nowhere(tracked: &Tracked) -> bool {
+pub(super) fn nowhere(tracked: &Tracked) -> bool {
     let covered = tracked.coverage.iter().copied().filter(|coverage| coverage.is_finite());
     let (sum, count) = covered.fold((0.0, 0.0), |(sum, count), coverage| (sum + coverage, count + 1.0));
     tracked.inliers < HARDLY_ANY || sum < HARDLY_ANY * count
