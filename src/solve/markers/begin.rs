@@ -73,7 +73,9 @@ fn start(body: &Body, seen: &Seen, known: &[Known], frame: usize) -> Option<Pose
 /// The reference pose, moved as a whole so that pairs of points fall on each other as well as they can.
 pub(super) fn placed(tree: &Tree, pairs: &[(Vec3, Vec3)]) -> Pose {
     if pairs.len() < 3 {
-        return Pose::reference(tree);
+        let from = pairs.iter().map(|(a, _)| a).sum::<Vec3>() / pairs.len().max(1) as f64;
+        let to = pairs.iter().map(|(_, b)| b).sum::<Vec3>() / pairs.len().max(1) as f64;
+        return whole(tree, &UnitQuaternion::identity(), &from, &to);
     }
     let count = pairs.len() as f64;
     let from = pairs.iter().map(|(a, _)| a).sum::<Vec3>() / count;
@@ -130,15 +132,9 @@ fn fit(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[Known], frame
     let at = At { tree, pose: &pose, posed: &posed };
     let mut off = vec![0.0; tree.freedom()];
     pose.since(tree, &Pose::reference(tree), &mut off);
-    let angles = tree.owners.iter().zip(&off).filter(|(owner, _)| carries_angle(tree, **owner)).map(|(_, off)| off * off);
+    let angles = tree.owners.iter().zip(&off).filter(|(owner, _)| tree.turns_within(**owner)).map(|(_, off)| off * off);
     let cost = Points { pairs: &pairs }.energy(&at) / pairs.len().max(1) as f64 + ANGLE * angles.sum::<f64>() / tree.joints() as f64;
     (cost, pose)
-}
-
-/// True for joints that turn against their parent and not with the whole body.
-fn carries_angle(tree: &Tree, joint: usize) -> bool {
-    let whole = tree.links.iter().position(|link| link.motion == Motion::Ball);
-    tree.links[joint].motion != Motion::Translate && Some(joint) != whole
 }
 
 /// The nearest vertex of a part, in the reference pose.

@@ -124,9 +124,8 @@ pub fn reach(body: &Body, limb: &Limb, pose: &Pose, left: &Cloud, limits: Option
     let heading = heading(body, limb);
     let hinge = limb.joints.get(1).copied().filter(|&joint| matches!(tree.links[joint].motion, Motion::Revolute(_)));
     // of this limb: what others exceed by a hair is not its fault
-    let own = limits.map(|limits| Limits {
-        bounds: limits.bounds.iter().filter(|(joint, ..)| limb.joints.contains(joint)).copied().collect(),
-    });
+    let own =
+        limits.map(|limits| Limits { bounds: limits.bounds.iter().filter(|(joint, ..)| limb.joints.contains(joint)).copied().collect() });
     let mut posed = Posed::new(tree);
     let mut found: Vec<(f64, Pose)> = Vec::new();
     for direction in 0..DIRECTIONS {
