@@ -100,6 +100,8 @@ pub struct Rig {
     pub start: Pose,
     /// The unit of the files.
     pub unit: Length,
+    /// The trunk and its upper half, if it was given one.
+    pub spine: Option<[usize; 2]>,
     /// What was assumed or found odd.
     pub notes: Vec<Note>,
     /// For each file what it is, its name without folders, and its SHA-256.
@@ -140,10 +142,12 @@ pub fn read_rig(files: &RigFiles) -> Result<Rig, RepairError> {
         Some(path) => Some(read_limits(bytes(3), &skeleton, files.angles, &notes).map_err(wrong(path))?),
         None => None,
     };
-    if files.spine && add_spine(&mut skeleton, &mesh.vertices, &mut parts, &mut limits).is_none() {
+    let spine = if files.spine { add_spine(&mut skeleton, &mesh.vertices, &mut parts, &mut limits) } else { None };
+    if files.spine && spine.is_none() {
         let problem = "has no part with two limbs or more at both of its ends, so it has no place for a spine; leave out --spine";
         return Err(RepairError::Io { path: files.skeleton.clone(), problem: problem.to_owned() });
     }
+    let spine = spine.and_then(|name| skeleton.joint(&name)).and_then(|upper| Some([skeleton.joints[upper].parent?, upper]));
     let unit = files.unit.unwrap_or_else(|| likely_unit(&mesh.vertices, &notes));
     let scaled = |x: &[f64; 3]| Vec3::from(*x) * unit.cm();
     let normals = mesh.normals.iter().map(|x| Vec3::from(*x)).collect();
@@ -153,6 +157,7 @@ pub fn read_rig(files: &RigFiles) -> Result<Rig, RepairError> {
         limits: limits.map(|limits| Limits::new(&limits, files.swing_twist, unit.cm())),
         start: start(&skeleton, unit),
         unit,
+        spine,
         notes: notes.take(),
         files: sources.iter().map(|(what, name, sha256, _)| (*what, name.clone(), sha256.clone())).collect(),
         skeleton,
@@ -220,6 +225,11 @@ impl Rig {
     /// Names of the joints, which are those of the parts.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.skeleton.joints.iter().map(|joint| joint.name.as_str())
+    }
+
+    /// The upper half of a trunk that was given one, for what is told of the trunk as a whole.
+    pub fn upper_half(&self, part: usize) -> Option<usize> {
+        self.spine.filter(|[trunk, _]| *trunk == part).map(|[_, upper]| upper)
     }
 
     /// The joints that move a part of the surface.

@@ -50,11 +50,11 @@ impl WearerFiles {
     /// # Errors
     /// Too little is seen.
     pub fn calibrate(&self, rig: &mut Rig, worn: &mut Worn, seen: &Seen) -> Result<Calibration, RepairError> {
-        let known = worn
-            .markers
-            .iter()
-            .zip(&worn.somewhere)
-            .map(|((_, _, marker, _), somewhere)| Known { part: Some(marker.part), place: (!somewhere).then(|| marker.place()) });
+        let known = worn.markers.iter().zip(&worn.somewhere).map(|((_, _, marker, _), somewhere)| Known {
+            part: Some(marker.part),
+            or: rig.upper_half(marker.part).filter(|_| *somewhere),
+            place: (!somewhere).then(|| marker.place()),
+        });
         let known: Vec<Known> = known.collect();
         let found = calibrate(&rig.body, rig.limits.as_ref(), seen, &known).ok_or_else(|| RepairError::Map {
             path: self.map.clone().unwrap_or_else(|| self.rig.skeleton.clone()),

@@ -229,7 +229,7 @@ fn maps_that_cannot_be_meant() {
     for (text, said) in [
         (String::new(), "map.csv: no marker was found"),
         ("marker,vertex,joint\n".to_owned(), "map.csv: no marker was found"),
-        ("marker,vertex\na,1\n".to_owned(), "line 1: the header has no column joint"),
+        ("marker,x\na,1\n".to_owned(), "line 1: the header has no column vertex"),
         ("marker,vertex,joint,colour\n".to_owned(), "line 1: the header has a column \"colour\""),
         (map.replacen(line(3), "torso_1,5,trunk", 1), "line 3: joint \"trunk\" is not in the skeleton; it has root, torso"),
         (map.replacen(line(3), "torso_1,999999,", 1), "line 3: vertex 999999 is not there, the surface has vertices 0 to "),
