@@ -1,10 +1,12 @@
 //! The rig of a body, read from its files and brought to the solver's units: skeleton, surface, which joint moves which vertex, limits.
 //!
-//! What is in the files is told by `formats::rig`, what comes of the poses by [`bvh`], and where markers sit by [`map`] and [`wearer`].
+//! What is in the files is told by `formats::rig`, what comes of the poses by [`bvh`], where markers sit by [`map`] and [`wearer`], and whether they are
+//! in the unit that was taken for theirs by [`unit`].
 
 pub mod bvh;
 pub mod map;
 mod spine;
+pub mod unit;
 pub mod wearer;
 
 use crate::input::{expand, hex, read};

@@ -143,7 +143,7 @@ fn actors_take(frames: usize, rate_hz: f64) -> (Take, Wearer) {
     let at = |vertex: usize| Vec3::from(actor.mesh.vertices[vertex]);
     let worn = |m: &mocap_repair::demo::actor::SkinMarker| WornMarker { part: m.joint, vertex: at(m.vertex), offset: Vec3::zeros() };
     let markers = map.iter().enumerate().map(|(column, m)| (column, worn(m), 1.0)).collect();
-    (take.build(), Wearer { tree: Tree::new(&actor.skeleton, 1.0), limits: None, markers })
+    (take.build(), Wearer { tree: Tree::new(&actor.skeleton, 1.0), limits: None, markers, from_take: nalgebra::Matrix3::identity() })
 }
 
 /// A body that is none of those who are recorded.

@@ -67,7 +67,7 @@ const COARSE: f64 = 0.04;
 /// ... and then in such ...
 const FINE: f64 = 0.01;
 /// ... up to this far from that of the rig.
-pub const FARTHEST: f64 = 0.24;
+const FARTHEST: f64 = 0.24;
 
 /// Estimates offsets and scales. `None` if there is no frame in which markers of three parts are seen.
 pub fn calibrate(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[Known]) -> Option<Calibration> {

@@ -1,10 +1,12 @@
 //! Synthetic actors wear markers of which some are hidden, and their joints are known.
+#![allow(clippy::unwrap_used)]
 
-use super::{Seen, Settings, solve};
+use super::{Known, Seen, Settings, calibrate, solve};
 use crate::demo::actor::{Actor, MarkerOptions, Motion};
 use crate::random::{Random, Stream};
 use crate::solve::ik::terms::{Limits, Marker};
 use crate::solve::ik::{Posed, Tree, Vec3};
+use crate::solve::track::Body;
 
 /// An actor's take, and the truth.
 struct Worn {
@@ -148,4 +150,63 @@ fn few_markers_are_met_all_the_same() {
         let came = worn.without(|_, other| other != at);
         assert!(came.rms_cm < 0.1, "marker {at} alone: {} cm", came.rms_cm);
     }
+}
+
+/// The actor's body, and what is known of markers if only their joints are told.
+fn told_by_joint(seed: u64) -> (Actor, Body, Vec<Known>) {
+    let actor = Actor::new(seed);
+    let vertices = actor.mesh.vertices.iter().map(|x| Vec3::from(*x)).collect();
+    let body = Body::new(Tree::new(&actor.skeleton, 1.0), vertices, Vec::new(), Vec::new(), actor.parts.clone());
+    let known = actor.marker_map().into_iter().map(|m| Known { part: Some(m.joint), ..Known::default() }).collect();
+    (actor, body, known)
+}
+
+#[test]
+fn calibration_finds_sizes_places_and_bones() {
+    let worn = Worn::new(5, Motion::Walk, 120, 30.0);
+    let (actor, body, known) = told_by_joint(5);
+    let map = actor.marker_map();
+    for size in [1.0, 0.92, 1.08] {
+        // the rig is smaller or larger than the actor
+        let found = calibrate(&body.scaled(1.0 / size), Some(&worn.limits), &worn.seen, &known).unwrap();
+        assert!((found.size - size).abs() < 0.035 && !found.at_edge, "{size}: {}", found.size);
+        assert!(found.rms_cm < 1.2, "{size}: {} cm", found.rms_cm);
+        let off = found.markers.iter().zip(&map).map(|(marker, m)| {
+            let marker = marker.as_ref().unwrap();
+            assert_eq!(marker.part, m.joint);
+            let centre = |body: &Body| body.tree.links[m.joint].centre;
+            let was = Vec3::from(actor.mesh.vertices[m.vertex]) - centre(&body);
+            (marker.place() - centre(&found.body) - was).norm()
+        });
+        let off: Vec<f64> = off.collect();
+        let mean = off.iter().sum::<f64>() / off.len() as f64;
+        assert!(mean < 2.5, "{size}: offsets are {mean} cm off on average, {off:.1?}");
+        for (joint, link) in body.tree.links.iter().enumerate() {
+            let Some(parent) = link.parent else { continue };
+            let bone = |body: &Body| (body.tree.links[joint].centre - body.tree.links[parent].centre).norm();
+            let (was, is) = (bone(&body), bone(&found.body));
+            assert!((is - was).abs() < 0.1 * was + 0.5, "{size}: {} is {is} cm long and was {was} cm", worn.names[joint]);
+        }
+    }
+}
+
+#[test]
+fn a_size_that_nobody_tried_is_told() {
+    let worn = Worn::new(5, Motion::Walk, 60, 30.0);
+    let (_, body, known) = told_by_joint(5);
+    let found = calibrate(&body.scaled(0.7), Some(&worn.limits), &worn.seen, &known).unwrap();
+    assert!(found.at_edge, "{}", found.size);
+}
+
+#[test]
+fn places_that_are_known_are_kept() {
+    let worn = Worn::new(5, Motion::Walk, 60, 30.0);
+    let (_, body, mut known) = told_by_joint(5);
+    for (known, marker) in known.iter_mut().zip(&worn.markers) {
+        known.place = Some(marker.place());
+    }
+    let found = calibrate(&body, Some(&worn.limits), &worn.seen, &known).unwrap();
+    assert!(found.size == 1.0 && found.rms_cm < 0.8, "{} {}", found.size, found.rms_cm);
+    let scales = found.scales.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), x| (a.min(*x), b.max(*x)));
+    assert!(scales.0 > 0.93 && scales.1 < 1.07, "{scales:?}");
 }
