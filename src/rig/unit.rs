@@ -55,7 +55,9 @@ pub fn note(unit: Unit) -> Note {
 fn assumed(opened: &Opened) -> bool {
     let notes = opened.notes.take();
     let assumed = notes.iter().any(|note| matches!(note, Note::UnitAssumed { .. } | Note::UnitUnknown { .. }));
-    notes.into_iter().for_each(|note| opened.notes.add(note));
+    for note in notes {
+        opened.notes.add(note);
+    }
     assumed
 }
 

@@ -273,7 +273,9 @@ impl<'a> Unseen<'a> {
                     one.push(update.iter().map(|x| x * x).sum());
                     if known(frame + 2 * lag) {
                         poses[frame + 2 * lag].0[joint].since(&first, update);
-                        update.iter_mut().for_each(|x| *x *= 0.5);
+                        for x in update.iter_mut() {
+                            *x *= 0.5;
+                        }
                         let halfway = first.updated(update);
                         middle.since(&halfway, update);
                         two.push(update.iter().map(|x| x * x).sum());

@@ -19,6 +19,7 @@ pub enum State {
 impl State {
     /// The state after an update of the joint's own degrees of freedom: shifts and angles add, rotations turn about axes of the part itself
     /// (`R exp([w])`, section 3.2.2).
+    #[must_use]
     pub fn updated(&self, update: &[f64]) -> Self {
         match *self {
             Self::Shift(shift) => Self::Shift(shift + Vec3::from_column_slice(update)),

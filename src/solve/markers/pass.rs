@@ -303,7 +303,7 @@ impl<'a> Frame<'a> {
             self.bad += 1;
             if self.bad >= self.next {
                 self.next = 2 * self.bad;
-                energy = self.from_elsewhere(&mut pose, energy);
+                energy = self.try_elsewhere(&mut pose, energy);
             }
         }
         self.before = 0;
@@ -314,7 +314,7 @@ impl<'a> Frame<'a> {
     }
 
     /// Tries each limb from the reference pose: one that was not seen for a while may have turned around.
-    fn from_elsewhere(&mut self, pose: &mut Pose, mut energy: f64) -> f64 {
+    fn try_elsewhere(&mut self, pose: &mut Pose, mut energy: f64) -> f64 {
         let reference = Pose::reference(self.tree);
         let rules = Rules { iterations: 30, marquardt: 1e-3, damping: 1e-3, ..Rules::default() };
         for top in tops(self.tree) {

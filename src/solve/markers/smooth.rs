@@ -217,7 +217,9 @@ fn step(
             // far away from here the equations do not hold
             let length = own.iter().map(|x| x * x).sum::<f64>().sqrt();
             if length > LONGEST {
-                own.iter_mut().for_each(|x| *x *= LONGEST / length);
+                for x in own {
+                    *x *= LONGEST / length;
+                }
             }
         }
         pose.update(tree, step, 1.0);
@@ -331,11 +333,11 @@ impl Usual {
             };
             let found = measure(&|frame| told.firmly(frame, joint));
             // how the body turns as a whole is not seen from markers that do not tell it
-            let found = if Some(joint) != tree.whole() { found.or_else(|| measure(&|frame| told.of(frame, joint))) } else { found };
+            let found = if Some(joint) == tree.whole() { found } else { found.or_else(|| measure(&|frame| told.of(frame, joint))) };
             let unknown = if tree.links[joint].motion == Motion::Translate { UNKNOWN_SHIFT_CM } else { UNKNOWN_TURN };
             let (acceleration, speed) = found.unwrap_or((unknown, unknown));
             let known = (0..poses.len()).step_by(every).filter(|&frame| told.of(frame, joint));
-            let (rest, spread) = rest(tree, joint, known.map(|frame| &poses[frame]));
+            let (rest, spread) = rest(tree, joint, &known.map(|frame| &poses[frame]));
             (acceleration, speed, rest, spread)
         };
         let all: Vec<(f64, f64, State, f64)> = (0..tree.joints()).into_par_iter().map(of_joint).collect();
@@ -349,7 +351,7 @@ impl Usual {
 }
 
 /// The mean of a joint's states, and the root mean square of the differences from it.
-fn rest<'a>(tree: &Tree, joint: usize, poses: impl Iterator<Item = &'a Pose> + Clone) -> (State, f64) {
+fn rest<'a>(tree: &Tree, joint: usize, poses: &(impl Iterator<Item = &'a Pose> + Clone)) -> (State, f64) {
     let mut mean = Pose::reference(tree).0[joint];
     let mut off = [0.0; 3];
     let width = tree.own(joint).len();

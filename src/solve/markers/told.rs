@@ -13,7 +13,7 @@ const DOUBTED_CM: f64 = 2.0;
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Told {
     joints: usize,
-    told: Vec<bool>,
+    at_all: Vec<bool>,
     firm: Vec<bool>,
 }
 
@@ -52,7 +52,7 @@ impl Told {
                 }
             }
         }
-        Self { joints, told, firm }
+        Self { joints, at_all: told, firm }
     }
 
     /// Takes back that enough tells of a limb in frames in which markers of it are much farther from their places than they usually are.
@@ -89,12 +89,12 @@ impl Told {
 
     /// Number of frames.
     pub fn frames(&self) -> usize {
-        self.told.len() / self.joints.max(1)
+        self.at_all.len() / self.joints.max(1)
     }
 
     /// True if a marker tells of the joint.
     pub fn of(&self, frame: usize, joint: usize) -> bool {
-        self.told[frame * self.joints + joint]
+        self.at_all[frame * self.joints + joint]
     }
 
     /// True if enough tells of it that the frame says by itself how the joint has turned.
@@ -104,7 +104,7 @@ impl Told {
 
     /// True if no marker was seen in the frame.
     pub fn nothing(&self, frame: usize) -> bool {
-        !self.told[frame * self.joints..][..self.joints].contains(&true)
+        !self.at_all[frame * self.joints..][..self.joints].contains(&true)
     }
 
     /// The runs of frames in which nothing tells of the joint, or for `short` frames too little: from the first one to the one behind the last.
@@ -119,7 +119,7 @@ impl Told {
             }
             runs
         };
-        let mut all = runs(&self.told);
+        let mut all = runs(&self.at_all);
         all.extend(runs(&self.firm).into_iter().filter(|run| run.len() <= short));
         all
     }
