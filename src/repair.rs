@@ -429,7 +429,7 @@ impl Request {
     /// The settings, with the body that wears the take's markers if the method needs one.
     fn settings_for(&self, opened: &Opened) -> Result<Settings, RepairError> {
         let Some(files) = self.wearer.as_ref().filter(|_| self.method.needs_body()) else { return Ok(self.settings.clone()) };
-        let (wearer, notes) = files.wearer(opened.document.take())?;
+        let (wearer, notes) = files.wearer(opened, &self.input, &self.reading)?;
         for note in notes {
             opened.notes.add(note);
         }

@@ -13,16 +13,18 @@ pub(super) const AFTER_HELP: &str = "\
 The map is CSV with a header: marker,vertex,joint and, if need be, x,y,z,weight.
 A marker sits on a vertex of the surface (counted from 0) and moves with the joint;
 x,y,z lead from the vertex to the marker, or are its place in the reference pose if
-there is no vertex. Without a joint it moves with the vertex. A joint alone will do
-with --calibrate.
+there is no vertex. Without a joint it moves with the vertex. A joint alone
+(marker,joint) will do with --calibrate.
 
 Exit codes:
-  0  every joint was seen, and not unseen for more than a second at a time
+  0  every joint was seen, and none for so long not that its place is a guess:
+     0.2 s for joints that carry others, 0.5 s for heads, hands and feet
   1  failed; no output was written
   2  the command line was wrong
   3  the output exists, but look at it: frames had no marker, nothing tells of a joint (for long),
-     the map names markers that the take does not have, a marker is far from its place,
-     something was assumed, or there is no log";
+     the map names markers that the take does not have or never shows, markers are far
+     from their places, the best size is the last one tried, something was assumed, or
+     there is no log; the report says which, with --json in look_at";
 
 /// `mocap-repair solve`.
 #[derive(Debug, Args)]

@@ -14,6 +14,7 @@ use crate::output::{Names, check_motion_name, put_in_place, unwritable};
 use crate::page::Page;
 use crate::rig::bvh::Poses;
 use crate::rig::map::Worn;
+use crate::rig::unit::{note, other_unit};
 use crate::rig::wearer::WearerFiles;
 use crate::rig::{Rig, read_rig};
 use crate::solve::Observer;
@@ -22,7 +23,7 @@ use crate::solve::ik::terms::Marker;
 use crate::solve::markers::{Settings, solve};
 use crate::staging;
 use formats::bvh::Order;
-use formats::{Direction, Take};
+use formats::{Direction, Stated, Take};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -70,12 +71,22 @@ pub fn fit(request: &Request, watch: &mut dyn Observer) -> Result<Report, Repair
     request.check_names()?;
     watch.phase("reading the body and the take");
     let mut rig = read_rig(&request.wearer.rig)?;
-    let opened = open(&request.input, &request.reading)?;
+    let mut opened = open(&request.input, &request.reading)?;
     let mut worn = request.wearer.worn(&rig, opened.document.take())?;
+    if let Some(unit) = other_unit(&rig, &worn, &opened, &request.input, &request.reading)? {
+        let stated = Stated { unit: Some(unit), ..request.reading.stated.clone() };
+        opened = open(&request.input, &Reading { stated, ..request.reading.clone() })?;
+        opened.notes.add(note(unit));
+    }
     let sigmas = request.sigmas(opened.document.take())?;
     let turn = opened.document.take().up.map(|from| (from, rig.up())).filter(|(from, to)| from != to);
     let turned = turn.map(|(from, to)| opened.document.take().turned(from, to));
     let take = turned.as_ref().unwrap_or(opened.document.take());
+    if worn.markers.iter().all(|(column, ..)| (0..take.frames()).all(|frame| take.position_mm(frame, *column).is_none())) {
+        let problem =
+            "no marker of the body is seen in any frame, so there is no motion to solve for; is another file meant, or another --map?";
+        return Err(RepairError::Io { path: request.input.clone(), problem: problem.to_owned() });
+    }
     if request.dry_run {
         let mut report = Report::new(request, &rig, &opened, turn);
         report.foresee(take, &worn, &rig);

@@ -6,7 +6,8 @@ use crate::report::{count, lines, short};
 use crate::rig::Rig;
 use crate::rig::map::Worn;
 use crate::runs::Stretch;
-use crate::solve::markers::Calibration;
+use crate::solve::ik::terms::Marker;
+use crate::solve::markers::{Calibration, Told};
 use crate::typeset::{Style, Tone};
 use formats::{Note, Take, printable};
 use serde::Serialize;
@@ -17,6 +18,10 @@ use std::time::Duration;
 const STRANGE_CM: f64 = 5.0;
 /// ... if it is also so many times as far as the one in the middle: then it is not the body that does not fit.
 const STRANGE_TIMES: f64 = 3.0;
+/// A joint that carries others is a guess if nothing was seen of it for longer than this, s: limbs are centimetres off by then ...
+const GUESSED_SECS: f64 = 0.2;
+/// ... and one that carries none after this: it only turns about a place that is known.
+const GUESSED_END_SECS: f64 = 0.5;
 /// The most names in a line.
 const MOST_NAMES: usize = 12;
 
@@ -48,6 +53,8 @@ pub struct Calibrated {
     pub bones: Vec<(String, f64)>,
     /// Root mean square distance of markers from their places, cm.
     pub rms_cm: f64,
+    /// True if no size beyond that was tried.
+    pub at_edge: bool,
 }
 
 impl Calibrated {
@@ -55,7 +62,7 @@ impl Calibrated {
     pub fn new(found: &Calibration, rig: &Rig) -> Self {
         let bones = rig.names().zip(&found.scales).filter(|(_, scale)| **scale != 1.0);
         let bones = bones.map(|(name, scale)| (name.to_owned(), scale * found.size)).collect();
-        Self { size: found.size, bones, rms_cm: found.rms_cm }
+        Self { size: found.size, bones, rms_cm: found.rms_cm, at_edge: found.at_edge }
     }
 }
 
@@ -66,6 +73,10 @@ pub struct Unseen {
     pub joint: String,
     /// When.
     pub when: Vec<Stretch>,
+    /// Those of them that are so long that where the joint was is a guess.
+    pub guessed: Vec<Stretch>,
+    /// True if the joint that carries it is a guess in all of them as well.
+    pub carried: bool,
 }
 
 /// What was done.
@@ -187,29 +198,23 @@ impl Report {
         self.rms_cm = (squares / samples).sqrt();
         // which joints the markers of each frame tell of
         let tree = &rig.body.tree;
-        let told: Vec<Vec<bool>> = (0..fitted.frames())
-            .map(|frame| {
-                let mut told = vec![false; tree.joints()];
-                for (at, _) in fitted.counted(frame) {
-                    told[fitted.worn.markers[at].2.part] = true;
-                }
-                for joint in (0..tree.joints()).rev() {
-                    if let Some(parent) = tree.links[joint].parent.filter(|_| told[joint]) {
-                        told[parent] = true;
-                    }
-                }
-                told
-            })
-            .collect();
-        let stretches = |holds: &dyn Fn(usize) -> bool| Stretch::all(told.len(), |frame| fitted.take.frame_label(frame), holds);
-        let empty: Vec<bool> = told.iter().map(|told| !told.contains(&true)).collect();
-        self.predicted = stretches(&|frame| empty[frame]);
+        let of_map: Vec<Marker> = fitted.worn.markers.iter().map(|(_, _, marker, _)| *marker).collect();
+        let told = Told::new(tree, &of_map, &fitted.seen);
+        let stretches = |holds: &dyn Fn(usize) -> bool| Stretch::all(told.frames(), |frame| fitted.take.frame_label(frame), holds);
+        self.predicted = stretches(&|frame| told.nothing(frame));
         for (joint, name) in names.iter().enumerate() {
-            let when = stretches(&|frame| !told[frame][joint] && !empty[frame]);
-            if !told.iter().any(|told| told[joint]) {
+            let when = stretches(&|frame| !told.of(frame, joint) && !told.nothing(frame));
+            if (0..told.frames()).all(|frame| !told.of(frame, joint)) {
                 self.unobserved.push((*name).to_owned());
             } else if !when.is_empty() {
-                self.unseen.push(Unseen { joint: (*name).to_owned(), when });
+                let most = if tree.children(joint) > 0 { GUESSED_SECS } else { GUESSED_END_SECS } * self.rate_hz;
+                let above = tree.links[joint].parent.and_then(|parent| names.get(parent));
+                let above = self.unseen.iter().find(|unseen| Some(&unseen.joint.as_str()) == above);
+                let above: &[Stretch] = above.map_or(&[], |above| &above.guessed);
+                let guessed = when.iter().copied().filter(|when| when.frames as f64 > most || above.contains(when));
+                let guessed: Vec<Stretch> = guessed.collect();
+                let carried = guessed.iter().all(|one| above.contains(one));
+                self.unseen.push(Unseen { joint: (*name).to_owned(), when, guessed, carried });
             }
         }
     }
@@ -233,15 +238,62 @@ impl Report {
         self.markers.iter().filter(|m| m.counts && m.frames > 0).count()
     }
 
-    /// 0 if every joint was told of at least once in every second, nothing was assumed or lost, and no marker is strange, else 3. (Errors have their own codes.)
+    /// Markers of the map that the take has, but never shows.
+    pub fn never_seen(&self) -> Vec<String> {
+        self.markers.iter().filter(|m| m.counts && m.frames == 0).map(|m| m.label.clone()).collect()
+    }
+
+    /// Why somebody should look at it, each with what it is about: the exit code is 3 if there is any reason. Those of notes and of the log are told besides.
+    pub fn reasons(&self) -> Vec<(&'static str, String)> {
+        let mut reasons = Vec::new();
+        let mut say = |head: &'static str, text: String| reasons.push((head, text));
+        if !self.absent.is_empty() {
+            say("not there", format!("markers of the map that the take does not have: {}", listed(&self.absent)));
+        }
+        let never = self.never_seen();
+        if !never.is_empty() {
+            say("not there", format!("markers of the map that are not seen in any frame: {}", listed(&never)));
+        }
+        if let Some(Calibrated { size, .. }) = self.calibrated.as_ref().filter(|calibrated| calibrated.at_edge) {
+            let text = format!(
+                "of the sizes that were tried, {:.0} % of the rig fits best and is the last one: another unit, another body, or markers on other parts?",
+                100.0 * size
+            );
+            say("look at", text);
+        }
+        if self.rms_cm > STRANGE_CM {
+            let text = "is far for a body that fits: another unit of length (--units), another body, or the map of another take?";
+            say("look at", format!("{:.2} cm from their places (root mean square) {text}", self.rms_cm));
+        }
+        let strange = self.strange();
+        if !strange.is_empty() {
+            let names: Vec<String> = strange.iter().map(|m| m.label.clone()).collect();
+            let verb = if names.len() == 1 { "is" } else { "are" };
+            say("look at", format!("{} {verb} far from where the map has them: labels swapped, or another vertex?", listed(&names)));
+        }
+        if !self.predicted.is_empty() {
+            let text =
+                format!("{} without any marker: {}", count(Stretch::total(&self.predicted), "frame"), Stretch::listed(&self.predicted));
+            say("predicted", text);
+        }
+        if !self.unobserved.is_empty() {
+            say("unknown", format!("no marker tells how these joints turn: {}", listed(&self.unobserved)));
+        }
+        for unseen in self.unseen.iter().filter(|unseen| !unseen.guessed.is_empty() && !unseen.carried) {
+            let frames = count(Stretch::total(&unseen.guessed), "frame");
+            let text = format!(
+                "{} and what hangs on it had no marker for long, in {frames}: {}; its pose there is a guess",
+                printable(&unseen.joint),
+                Stretch::listed(&unseen.guessed)
+            );
+            say("look at", text);
+        }
+        reasons
+    }
+
+    /// 3 if there is a reason to look at it, something was assumed or lost, or there is no log, else 0. (Errors have their own codes.)
     pub fn exit_code(&self) -> u8 {
-        let left = !self.predicted.is_empty()
-            || !self.unobserved.is_empty()
-            || !self.absent.is_empty()
-            || !self.strange().is_empty()
-            || self.unseen.iter().flat_map(|unseen| &unseen.when).any(|when| when.frames as f64 > self.rate_hz);
-        let left = left || self.rms_cm > STRANGE_CM;
-        if left || self.log_error.is_some() || self.notes.iter().any(Note::matters) { 3 } else { 0 }
+        if !self.reasons().is_empty() || self.log_error.is_some() || self.notes.iter().any(Note::matters) { 3 } else { 0 }
     }
 
     /// Name and value pairs for the log's metadata.
@@ -294,22 +346,8 @@ impl Report {
         if !self.unused.is_empty() {
             line("not used", listed(&self.unused));
         }
-        if !self.absent.is_empty() {
-            line("not there", format!("markers of the map that the take does not have: {}", listed(&self.absent)));
-        }
-        let strange = self.strange();
-        if !strange.is_empty() {
-            let names: Vec<String> = strange.iter().map(|m| m.label.clone()).collect();
-            let verb = if names.len() == 1 { "is" } else { "are" };
-            line("look at", format!("{} {verb} far from where the map has them: labels swapped, or another vertex?", listed(&names)));
-        }
-        if !self.predicted.is_empty() {
-            let text =
-                format!("{} without any marker: {}", count(Stretch::total(&self.predicted), "frame"), Stretch::listed(&self.predicted));
-            line("predicted", text);
-        }
-        if !self.unobserved.is_empty() {
-            line("unknown", format!("no marker tells how these joints turn: {}", listed(&self.unobserved)));
+        for (head, text) in self.reasons() {
+            line(head, text);
         }
         for unseen in &self.unseen {
             let frames = count(Stretch::total(&unseen.when), "frame");
@@ -355,7 +393,12 @@ impl Report {
         }));
         messages.extend(self.predicted.iter().map(|&stretch| Message::Predicted { why: "no-markers", stretch }));
         for unseen in &self.unseen {
-            messages.extend(unseen.when.iter().map(|&stretch| Message::Unseen { joint: &unseen.joint, stretch }));
+            let guessed = |stretch: &Stretch| unseen.guessed.contains(stretch);
+            messages.extend(unseen.when.iter().map(|&stretch| Message::Unseen {
+                joint: &unseen.joint,
+                guessed: guessed(&stretch),
+                stretch,
+            }));
         }
         let path = |path: &Option<PathBuf>| path.as_deref().map(&name);
         messages.push(Message::Solved {
@@ -380,6 +423,7 @@ impl Report {
             worst_marker: self.worst().map(|m| m.label.as_str()),
             frames_predicted: Stretch::total(&self.predicted),
             joints_unobserved: &self.unobserved,
+            look_at: self.reasons().into_iter().map(|(_, text)| text).collect(),
             exit_code: self.exit_code(),
         });
         lines(&messages)
@@ -413,6 +457,7 @@ enum Message<'a> {
     },
     Unseen {
         joint: &'a str,
+        guessed: bool,
         #[serde(flatten)]
         stretch: Stretch,
     },
@@ -439,6 +484,7 @@ enum Message<'a> {
         worst_marker: Option<&'a str>,
         frames_predicted: usize,
         joints_unobserved: &'a [String],
+        look_at: Vec<String>,
         exit_code: u8,
     },
 }

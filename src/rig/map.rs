@@ -64,10 +64,10 @@ pub struct Placed {
     line: u64,
 }
 
-/// The columns of the table; the first three are always there.
+/// The columns of the table; the first is always there, and one of the next two.
 const COLUMNS: [&str; 7] = ["marker", "vertex", "joint", "x", "y", "z", "weight"];
 
-/// Reads a table. The header names its columns in any order: `marker`, `vertex` (from 0, as in the surface's file) and `joint`, and besides `x`, `y`, `z`
+/// Reads a table. The header names its columns in any order: `marker`, `vertex` (from 0, as in the surface's file) or `joint` or both, and besides `x`, `y`, `z`
 /// and `weight`. An offset `x`, `y`, `z` leads from the vertex to the marker, in the unit and the axes of the rig; without a vertex it is the marker's
 /// place in the reference pose. With a joint alone, it is somewhere on that joint's part. Without a joint the marker moves with the vertex, and a joint overrules that. Empty lines and lines that start
 /// with `#` are skipped.
@@ -120,9 +120,12 @@ fn columns(header: &csv::StringRecord) -> Result<[Option<usize>; 7], String> {
             return Err(format!("the header has the column {} twice", COLUMNS[column]));
         }
     }
-    match (0..3).find(|&column| found[column].is_none()) {
-        Some(column) => Err(format!("the header has no column {}, expected: marker,vertex,joint", COLUMNS[column])),
-        None => Ok(found),
+    let lacks = |column: usize| Err(format!("the header has no column {}, expected: marker,vertex,joint", COLUMNS[column]));
+    match found {
+        [None, ..] => lacks(0),
+        // either of them will do
+        [_, None, None, ..] => lacks(1),
+        _ => Ok(found),
     }
 }
 
@@ -158,7 +161,12 @@ fn row<'a>(rig: &Rig, cell: impl Fn(usize) -> Option<&'a str>) -> Result<(String
         weight => weight.unwrap_or(1.0),
     };
     let (part, at, offset) = match (vertex, offset) {
-        (Some(vertex), offset) => (joint.unwrap_or(rig.body.parts[vertex]), vertices[vertex], offset.unwrap_or_default()),
+        (Some(vertex), offset) => {
+            let part = rig.body.parts[vertex];
+            // maps are written for rigs without a spine
+            let joint = joint.filter(|&joint| rig.upper_half(joint) != Some(part));
+            (joint.unwrap_or(part), vertices[vertex], offset.unwrap_or_default())
+        }
         (None, Some(place)) => {
             (joint.ok_or("neither a vertex nor a joint, so it is not known what moves the marker")?, place, Vec3::zeros())
         }

@@ -1,11 +1,13 @@
 //! The rig of a body, read from its files and brought to the solver's units: skeleton, surface, which joint moves which vertex, limits.
 //!
-//! What is in the files is told by `formats::rig`, what comes of the poses by [`bvh`], and where markers sit by [`map`] and [`wearer`].
+//! What is in the files is told by `formats::rig`, what comes of the poses by [`bvh`], where markers sit by [`map`] and [`wearer`], and whether they are
+//! in the unit that was taken for theirs by [`unit`].
 
 pub mod bvh;
 pub mod map;
 mod sound;
 mod spine;
+pub mod unit;
 pub mod wearer;
 
 use crate::input::{expand, hex, read};
@@ -102,6 +104,8 @@ pub struct Rig {
     pub start: Pose,
     /// The unit of the files.
     pub unit: Length,
+    /// The trunk and its upper half, if it was given one.
+    pub spine: Option<[usize; 2]>,
     /// What was assumed or found odd.
     pub notes: Vec<Note>,
     /// For each file what it is, its name without folders, and its SHA-256.
@@ -142,10 +146,12 @@ pub fn read_rig(files: &RigFiles) -> Result<Rig, RepairError> {
         Some(path) => Some(read_limits(bytes(3), &skeleton, files.angles, &notes).map_err(wrong(path))?),
         None => None,
     };
-    if files.spine && add_spine(&mut skeleton, &mesh.vertices, &mut parts, &mut limits).is_none() {
+    let spine = if files.spine { add_spine(&mut skeleton, &mesh.vertices, &mut parts, &mut limits) } else { None };
+    if files.spine && spine.is_none() {
         let problem = "has no part with two limbs or more at both of its ends, so it has no place for a spine; leave out --spine";
         return Err(RepairError::Io { path: files.skeleton.clone(), problem: problem.to_owned() });
     }
+    let spine = spine.and_then(|name| skeleton.joint(&name)).and_then(|upper| Some([skeleton.joints[upper].parent?, upper]));
     let unit = files.unit.unwrap_or_else(|| likely_unit(&mesh.vertices, &notes));
     let scaled = |x: &[f64; 3]| Vec3::from(*x) * unit.cm();
     let normals = mesh.normals.iter().map(|x| Vec3::from(*x)).collect();
@@ -157,6 +163,7 @@ pub fn read_rig(files: &RigFiles) -> Result<Rig, RepairError> {
         limits: limits.map(|limits| Limits::new(&limits, files.swing_twist, unit.cm())),
         start: start(&skeleton, unit),
         unit,
+        spine,
         notes: notes.take(),
         files: sources.iter().map(|(what, name, sha256, _)| (*what, name.clone(), sha256.clone())).collect(),
         skeleton,
@@ -167,7 +174,7 @@ pub fn read_rig(files: &RigFiles) -> Result<Rig, RepairError> {
 fn belong_together(body: &mut Body, skeleton: &Skeleton, files: &RigFiles, notes: &Notes) -> Result<(), RepairError> {
     let (apart, all) = apart(body);
     if let Some((joint, distance)) = apart.iter().copied().max_by(|a, b| a.1.total_cmp(&b.1)) {
-        let name = printable(&skeleton.joints[joint].name).to_string();
+        let name = printable(&skeleton.joints[joint].name);
         let (count, distance) = (apart.len(), short(distance));
         let problem = format!(
             "{count} of {all} joints are nowhere near the part that they move, {name} is {distance} cm away from the nearest vertex"
@@ -260,6 +267,11 @@ impl Rig {
     /// Names of the joints, which are those of the parts.
     pub fn names(&self) -> impl Iterator<Item = &str> {
         self.skeleton.joints.iter().map(|joint| joint.name.as_str())
+    }
+
+    /// The upper half of a trunk that was given one, for what is told of the trunk as a whole.
+    pub fn upper_half(&self, part: usize) -> Option<usize> {
+        self.spine.filter(|[trunk, _]| *trunk == part).map(|[_, upper]| upper)
     }
 
     /// The joints that move a part of the surface.

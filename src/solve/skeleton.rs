@@ -7,15 +7,18 @@
 //! How sure that is, is measured: as many samples are hidden a second time, in gaps of the same kinds, and filled, and the errors are compared with
 //! what the process promises. A pose knows a part the less, the fewer of its markers are seen, so that is done by their number.
 //!
+//! Where nothing tells of a part, how far its joints turn elsewhere in the take within the time since they were seen tells how far off it may be.
+//!
 //! Markers that the body does not wear are filled by splines.
 
 use super::auto::Explanation;
 use super::ik::terms::{Limits, Marker};
-use super::ik::{Posed, Tree, Vec3};
+use super::ik::{Motion, Pose, Posed, Tree, Vec3};
 use super::interpolate::{Curve, Interpolate};
-use super::markers::{Seen, Settings, Solution, solve};
+use super::markers::{Seen, Settings, Solution, Told, solve};
 use super::{Estimate, Gap, Problem, Progress, SolveError, Solver};
 use crate::runs::runs;
+use nalgebra::Matrix3;
 use std::sync::Arc;
 
 /// A body, and where it wears markers. Lengths are in cm.
@@ -29,6 +32,8 @@ pub struct Wearer {
     pub limits: Option<Limits>,
     /// Columns of the take, where their markers sit, and the factors of their weights.
     pub markers: Vec<(usize, Marker, f64)>,
+    /// What brings a place in the take to the axes and the unit of the body: a rotation times a factor.
+    pub from_take: Matrix3<f64>,
 }
 
 /// What a marker does on its part is looked at over this time, s.
@@ -77,12 +82,17 @@ impl Solver for Skeleton<'_> {
         let seen = worn.seen(problem);
         let Judged { scale, gaps, frames } = worn.judged(problem, &seen);
         let solution = worn.solve(&seen);
+        let unseen = Unseen::new(&worn, &seen, &solution.poses);
+        // a factor scales every direction alike
+        let factor = wearer.from_take.column(0).norm();
+        let to_take = wearer.from_take.transpose() / (factor * factor);
         progress.rms_residual_mm = solution.rounds.last().map(|round| round.rms_cm * 10.0);
         let skin = Skin::new(&worn, &seen, &solution, problem.rate_hz);
         skin.fill(&seen, &solution, |frame, at, fill| {
             if let Ok(k) = problem.missing.binary_search(&(frame, worn.columns[at])) {
-                self.estimate.positions_mm[k] = (fill.place * 10.0).into();
-                self.estimate.sigma_mm[k] = (fill.variance * scale[fill.class] + FLOOR_CM * FLOOR_CM).sqrt() * 10.0;
+                self.estimate.positions_mm[k] = (to_take * fill.place * 10.0).into();
+                let variance = fill.variance * scale[fill.class] + FLOOR_CM * FLOOR_CM + unseen.variance(frame, at);
+                self.estimate.sigma_mm[k] = variance.sqrt() * 10.0 / factor;
             }
         });
         if self.estimate.positions_mm.iter().flatten().any(|x| x.is_infinite()) {
@@ -137,8 +147,10 @@ impl<'a> Worn<'a> {
     }
 
     fn seen(&self, problem: &Problem) -> Seen {
-        let place =
-            |frame: usize, column: usize| problem.position_mm(frame, column).map_or(Vec3::repeat(f64::NAN), |x| Vec3::from(x) / 10.0);
+        let from_take = self.wearer.from_take;
+        let place = |frame: usize, column: usize| {
+            problem.position_mm(frame, column).map_or(Vec3::repeat(f64::NAN), |x| from_take * Vec3::from(x) / 10.0)
+        };
         Seen {
             frames: problem.frames(),
             markers: self.columns.len(),
@@ -164,10 +176,13 @@ impl<'a> Worn<'a> {
             }
         }
         let solution = self.solve(&poorer);
+        let told = Told::new(&self.wearer.tree, &self.markers, &poorer);
         let (mut sums, mut counts) = ([(0.0, 0.0); CLASSES], [0_usize; CLASSES]);
         Skin::new(self, &poorer, &solution, problem.rate_hz).fill(&poorer, &solution, |frame, at, fill| {
             let truth = seen.places[frame * markers + at];
-            if truth.x.is_finite() && fill.variance > 0.0 {
+            // what nothing tells of has a variance of its own
+            let known = told.of(frame, self.markers[at].part);
+            if truth.x.is_finite() && fill.variance > 0.0 && known {
                 sums[fill.class].0 += (fill.place - truth).norm_squared();
                 sums[fill.class].1 += fill.variance;
                 counts[fill.class] += 1;
@@ -264,6 +279,129 @@ struct Fill {
     variance: f64,
     /// How many markers of its part were seen.
     class: usize,
+}
+
+/// How far off markers may be whose parts nothing tells of.
+struct Unseen<'a> {
+    worn: &'a Worn<'a>,
+    told: Told,
+    /// Where the joints are in every frame, and where the markers of the body are, cm; empty if everything is told of.
+    centres: Vec<Vec3>,
+    places: Vec<Vec3>,
+    /// For each joint, by the frames since it was told of: how far it turns until then (or shifts, cm), mean square, ...
+    since: Vec<Vec<f64>>,
+    /// ... and how far it is then from halfway between where it was and where it will be after as many frames again.
+    between: Vec<Vec<f64>>,
+    /// For each frame and joint, how many frames before and after it are not told of, itself included; `None` to the end of the take.
+    around: Vec<[Option<usize>; 2]>,
+}
+
+/// Pairs of frames that are compared, at most.
+const COMPARED: usize = 256;
+/// What is taken for the mean square of turns where nothing can be compared, radians² ...
+const UNKNOWN_TURN: f64 = 0.5;
+/// ... and of shifts, cm².
+const UNKNOWN_SHIFT: f64 = 2500.0;
+
+impl<'a> Unseen<'a> {
+    fn new(worn: &'a Worn<'a>, seen: &Seen, poses: &[Pose]) -> Self {
+        let tree = &worn.wearer.tree;
+        let (frames, joints) = (seen.frames, tree.joints());
+        let told = Told::new(tree, &worn.markers, seen);
+        let mut unseen =
+            Self { worn, told, centres: Vec::new(), places: Vec::new(), since: Vec::new(), between: Vec::new(), around: Vec::new() };
+        let told = &unseen.told;
+        if (0..frames).all(|frame| (0..joints).all(|joint| told.of(frame, joint))) {
+            return unseen;
+        }
+        let mut posed = Posed::new(tree);
+        for pose in poses {
+            posed.set(tree, pose);
+            unseen.centres.extend(&posed.centres);
+            unseen.places.extend(worn.markers.iter().map(|marker| posed.parts[marker.part].point(&marker.place())));
+        }
+        let mut around = vec![[None; 2]; frames * joints];
+        for joint in 0..joints {
+            for (side, backwards) in [(0, false), (1, true)] {
+                let mut count = None;
+                for step in 0..frames {
+                    let frame = if backwards { frames - 1 - step } else { step };
+                    count = if told.of(frame, joint) { Some(0) } else { count.map(|count| count + 1) };
+                    around[frame * joints + joint][side] = count;
+                }
+            }
+        }
+        let longest = (0..joints).map(|joint| {
+            let of_joint = (0..frames).map(|frame| match around[frame * joints + joint] {
+                [Some(before), Some(after)] => before.min(after),
+                [one, other] => one.or(other).unwrap_or(0),
+            });
+            of_joint.max().unwrap_or(0)
+        });
+        for (joint, longest) in longest.collect::<Vec<_>>().into_iter().enumerate() {
+            let known = |frame: usize| frame < frames && told.of(frame, joint);
+            let mut update = [0.0; 3];
+            let update = &mut update[..tree.own(joint).len()];
+            let unknown = if tree.links[joint].motion == Motion::Translate { UNKNOWN_SHIFT } else { UNKNOWN_TURN };
+            let (mut since, mut between) = (vec![0.0], vec![0.0]);
+            for lag in 1..=longest {
+                let mean = |squares: Vec<f64>, before: f64| {
+                    let count = squares.len() as f64;
+                    // what cannot be compared is no surer than after a shorter time
+                    if squares.is_empty() { before.max(unknown) } else { before.max(squares.iter().sum::<f64>() / count) }
+                };
+                let every = frames.div_ceil(COMPARED);
+                let (mut one, mut two) = (Vec::new(), Vec::new());
+                for frame in (0..frames).step_by(every).filter(|&frame| known(frame) && known(frame + lag)) {
+                    let (first, middle) = (poses[frame].0[joint], poses[frame + lag].0[joint]);
+                    middle.since(&first, update);
+                    one.push(update.iter().map(|x| x * x).sum());
+                    if known(frame + 2 * lag) {
+                        poses[frame + 2 * lag].0[joint].since(&first, update);
+                        for x in update.iter_mut() {
+                            *x *= 0.5;
+                        }
+                        let halfway = first.updated(update);
+                        middle.since(&halfway, update);
+                        two.push(update.iter().map(|x| x * x).sum());
+                    }
+                }
+                since.push(mean(one, since[lag - 1]));
+                // at most what is known from one side
+                between.push(if two.is_empty() { since[lag] } else { mean(two, between[lag - 1]).min(since[lag]) });
+            }
+            unseen.since.push(since);
+            unseen.between.push(between);
+        }
+        unseen.around = around;
+        unseen
+    }
+
+    /// The variance of the 3-D distance of a marker, cm²: turns of all joints between it and what is told of, each with its lever.
+    fn variance(&self, frame: usize, at: usize) -> f64 {
+        let tree = &self.worn.wearer.tree;
+        let joints = tree.joints();
+        let mut variance = 0.0;
+        let mut joint = Some(self.worn.markers[at].part);
+        while let Some(one) = joint.filter(|&one| !self.centres.is_empty() && !self.told.of(frame, one)) {
+            let turn = match self.around[frame * joints + one] {
+                // halfway is a good guess where motion is as it is elsewhere, and a limb may be unseen because it is not
+                [Some(before), Some(after)] => (self.between[one][before.min(after)] * self.since[one][before.min(after)]).sqrt(),
+                [Some(side), None] | [None, Some(side)] => self.since[one][side],
+                [None, None] if tree.links[one].motion == Motion::Translate => UNKNOWN_SHIFT,
+                [None, None] => UNKNOWN_TURN,
+            };
+            let lever = (self.places[frame * self.worn.markers.len() + at] - self.centres[frame * joints + one]).norm_squared();
+            variance += match tree.links[one].motion {
+                Motion::Translate => turn,
+                Motion::Revolute(_) => turn * lever,
+                // a third of the turns is about the lever itself
+                Motion::Ball => turn * lever * 2.0 / 3.0,
+            };
+            joint = tree.links[one].parent;
+        }
+        variance
+    }
 }
 
 /// What markers do on their parts.

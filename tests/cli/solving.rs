@@ -229,7 +229,7 @@ fn maps_that_cannot_be_meant() {
     for (text, said) in [
         (String::new(), "map.csv: no marker was found"),
         ("marker,vertex,joint\n".to_owned(), "map.csv: no marker was found"),
-        ("marker,vertex\na,1\n".to_owned(), "line 1: the header has no column joint"),
+        ("marker,x\na,1\n".to_owned(), "line 1: the header has no column vertex"),
         ("marker,vertex,joint,colour\n".to_owned(), "line 1: the header has a column \"colour\""),
         (map.replacen(line(3), "torso_1,5,trunk", 1), "line 3: joint \"trunk\" is not in the skeleton; it has root, torso"),
         (map.replacen(line(3), "torso_1,999999,", 1), "line 3: vertex 999999 is not there, the surface has vertices 0 to "),
@@ -369,4 +369,144 @@ fn the_second_limit_of_a_ball_may_be_a_twist() {
         .collect();
     let ran = lab.run(&without);
     assert!(ran.code == 2 && ran.err.contains("--cst <FILE.cst>"), "{ran:?}");
+}
+
+/// The take as a table that names no unit, its numbers in centimetres.
+fn table_in_cm(take: &Take) -> String {
+    let mut text = String::from("frame");
+    for marker in &take.markers {
+        let name = marker.name();
+        write!(text, ",{name}_x,{name}_y,{name}_z").unwrap();
+    }
+    for frame in 0..take.frames() {
+        write!(text, "\n{frame}").unwrap();
+        for at in 0..take.markers.len() {
+            match take.position_mm(frame, at) {
+                Some([x, y, z]) => write!(text, ",{:.3},{:.3},{:.3}", x / 10.0, y / 10.0, z / 10.0).unwrap(),
+                None => text += ",,,",
+            }
+        }
+    }
+    text + "\n"
+}
+
+#[test]
+fn a_unit_that_nobody_said_is_known_by_the_size_of_the_body() {
+    let take = walk(&MarkerOptions::default());
+    let lab = lab(&take);
+    lab.write("in.csv", table_in_cm(&take));
+    let solve = |more: &[&str]| {
+        lab.run(&[&["solve", "in.csv", "-o", "out.bvh", "--map", "map.csv", "--rate", "30", "--no-log"], &BODY[..], more].concat())
+    };
+    let ran = solve(&[]).with_code(3);
+    assert!(ran.sentences().contains("cm assumed, because the markers have the size of the body then"), "{}", ran.out);
+    close(&lab, 0.6, 2.5);
+    solve(&["--units", "cm", "--force"]).with_code(0);
+    let before = lab.listing();
+    for unit in ["mm", "m"] {
+        let ran = solve(&["--units", unit, "--force"]);
+        let told = ran.err.contains(&format!("(read as {unit})")) && ran.err.contains("are expected of this body; say --units cm");
+        assert!(ran.code == 1 && told, "{ran:?}");
+    }
+    assert!(lab.new_since(&before).is_empty());
+    // the filler has the same body
+    lab.write("in.csv", table_in_cm(&without(&take, |frame, name| name == "l_thigh_0" && (15..45).contains(&frame))));
+    let fill = |more: &[&str]| {
+        let command = ["in.csv", "-o", "out.csv", "--method", "skeleton", "--map", "map.csv", "--rate", "30", "--no-log", "--force"];
+        lab.run(&[&command, &BODY[..], more].concat())
+    };
+    let ran = fill(&[]).with_code(3);
+    assert!(ran.sentences().contains("the body fits its markers if they are in cm"), "{}", ran.out);
+    let ran = fill(&["--units", "m"]);
+    assert!(ran.code == 1 && ran.err.contains("say --units cm"), "{ran:?}");
+}
+
+#[test]
+fn markers_that_are_never_seen() {
+    let take = walk(&MarkerOptions::default());
+    let lab = lab(&without(&take, |_, name| name == "l_hand_1"));
+    let ran = run(&lab, &["--no-log"]).with_code(3);
+    assert!(ran.sentences().contains("markers of the map that are not seen in any frame: actor:l_hand_1"), "{}", ran.out);
+    lab.create("in.c3d", &without(&take, |_, _| true));
+    let before = lab.listing();
+    let ran = run(&lab, &["--no-log", "--force"]);
+    assert!(ran.code == 1 && ran.err.contains("no marker of the body is seen in any frame"), "{ran:?}");
+    assert!(lab.new_since(&before).is_empty());
+}
+
+#[test]
+fn a_limb_that_is_unseen_for_long_is_a_reason_to_look() {
+    let arm = |name: &str| ["l_uarm", "l_farm", "l_hand"].iter().any(|joint| name.starts_with(joint));
+    let lab = lab(&without(&walk(&MarkerOptions::default()), |frame, name| frame < 20 && arm(name)));
+    let ran = run(&lab, &["--no-log"]).with_code(3);
+    let told = "l_uarm and what hangs on it had no marker for long, in 20 frames: 101-120; its pose there is a guess";
+    assert!(ran.sentences().contains(told), "{}", ran.out);
+    close(&lab, 1.5, 40.0);
+    let ran = run(&lab, &["--no-log", "--force", "--json"]);
+    let messages = ran.messages();
+    let summary = messages.last().unwrap();
+    assert_eq!((&summary["exit_code"], &summary["look_at"][0]), (&3.into(), &told.into()));
+    // for a few frames it is told, and no reason
+    lab.create("in.c3d", &without(&walk(&MarkerOptions::default()), |frame, name| (30..34).contains(&frame) && arm(name)));
+    let ran = run(&lab, &["--no-log", "--force"]).with_code(0);
+    assert!(ran.sentences().contains("l_uarm in 4 frames: 131-134"), "{}", ran.out);
+}
+
+#[test]
+fn places_of_markers_are_found_out() {
+    let lab = lab(&walk(&MarkerOptions::default()));
+    let calibrated =
+        |more: &[&str]| lab.run(&[&["solve", "in.c3d", "-o", "out.bvh", "--no-log", "--force", "--calibrate"], &BODY[..], more].concat());
+    let ran = calibrated(&[]).with_code(0);
+    assert!(ran.sentences().contains("% of the size of the rig"), "{}", ran.out);
+    close(&lab, 1.0, 4.0);
+    calibrated(&["--spine"]).with_code(0);
+    close(&lab, 1.0, 4.0);
+    calibrated(&["--map", "map.csv"]).with_code(0);
+    close(&lab, 0.7, 3.0);
+    let joints: String = map().lines().map(|line| line.split(',').step_by(2).collect::<Vec<_>>().join(",") + "\n").collect();
+    lab.write("joints.csv", joints);
+    calibrated(&["--map", "joints.csv"]).with_code(0);
+    close(&lab, 1.0, 4.0);
+    let ran = lab.run(&[&["solve", "in.c3d", "-o", "out.bvh", "--force", "--map", "joints.csv"], &BODY[..]].concat());
+    assert!(ran.code == 1 && ran.err.contains("only the joint is told of"), "{ran:?}");
+}
+
+#[test]
+fn gaps_of_a_take_in_other_axes_are_filled_from_the_body() {
+    let whole = walk(&MarkerOptions::default()).turned(Direction::PLUS_Y, Direction::PLUS_Z);
+    let holed = without(&whole, |frame, name| name == "l_thigh_0" && (15..45).contains(&frame));
+    let lab = lab(&holed);
+    lab.run(&[&["in.c3d", "-o", "out.c3d", "--method", "skeleton", "--map", "map.csv", "--no-log"], &BODY[..]].concat()).with_code(0);
+    let take = lab.take("out.c3d");
+    for (frame, marker) in missing(&holed) {
+        let [p, q] = [&take, &whole].map(|take| take.position_mm(frame, marker).unwrap());
+        let off = (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>().sqrt();
+        assert!(off < 40.0, "frame {frame}: {off} mm");
+    }
+}
+
+#[test]
+fn fills_of_limbs_that_nobody_saw_are_as_unsure_as_they_are() {
+    let whole = walk(&MarkerOptions::default());
+    let arm = |name: &str| ["l_uarm", "l_farm", "l_hand"].iter().any(|joint| name.starts_with(joint));
+    for gap in [20..40, 40..60] {
+        let holed = without(&whole, |frame, name| gap.contains(&frame) && arm(name));
+        let lab = lab(&holed);
+        let more = ["--no-log", "--extrapolate", "--fills", "fills.csv"];
+        lab.run(&[&["in.c3d", "-o", "out.c3d", "--method", "skeleton", "--map", "map.csv"], &more[..], &BODY[..]].concat());
+        let take = lab.take("out.c3d");
+        let mut ratios = Vec::new();
+        for line in lab.text("fills.csv").lines().skip(1) {
+            let cells: Vec<&str> = line.split(',').collect();
+            let (frame, marker) = (cells[0].parse().unwrap(), column(&take, cells[2]));
+            let [p, q] = [&take, &whole].map(|take| take.position_mm(frame, marker).unwrap());
+            let off = (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>().sqrt();
+            ratios.push(off / cells[6].parse::<f64>().unwrap());
+        }
+        ratios.sort_by(f64::total_cmp);
+        assert!(ratios.len() == 20 * 6, "{}", ratios.len());
+        let (middle, high) = (ratios[ratios.len() / 2], ratios[ratios.len() * 9 / 10]);
+        assert!((0.05..2.0).contains(&middle) && high < 3.5, "{gap:?}: {middle} and {high} times what was promised");
+    }
 }

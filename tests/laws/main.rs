@@ -144,7 +144,8 @@ fn actors_take(frames: usize, rate_hz: f64) -> (Take, Wearer) {
     let worn = |m: &mocap_repair::demo::actor::SkinMarker| WornMarker { part: m.joint, vertex: at(m.vertex), offset: Vec3::zeros() };
     let markers = map.iter().enumerate().map(|(column, m)| (column, worn(m), 1.0)).collect();
     let names = actor.skeleton.joints.iter().map(|joint| joint.name.clone()).collect();
-    (take.build(), Wearer { tree: Tree::new(&actor.skeleton, 1.0), names, limits: None, markers })
+    let from_take = nalgebra::Matrix3::identity();
+    (take.build(), Wearer { tree: Tree::new(&actor.skeleton, 1.0), names, limits: None, markers, from_take })
 }
 
 /// A body that is none of those who are recorded.

@@ -19,7 +19,8 @@ pub enum State {
 impl State {
     /// The state after an update of the joint's own degrees of freedom: shifts and angles add, rotations turn about axes of the part itself
     /// (`R exp([w])`, section 3.2.2).
-    fn updated(&self, update: &[f64]) -> Self {
+    #[must_use]
+    pub fn updated(&self, update: &[f64]) -> Self {
         match *self {
             Self::Shift(shift) => Self::Shift(shift + Vec3::from_column_slice(update)),
             Self::Angle(angle) => Self::Angle(angle + update[0]),
@@ -32,7 +33,7 @@ impl State {
     }
 
     /// The update that leads from `other` to this state.
-    fn since(&self, other: &Self, update: &mut [f64]) {
+    pub fn since(&self, other: &Self, update: &mut [f64]) {
         match (self, other) {
             (Self::Shift(a), Self::Shift(b)) => update.copy_from_slice((a - b).as_slice()),
             (Self::Angle(a), Self::Angle(b)) => update[0] = a - b,

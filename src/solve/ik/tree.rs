@@ -79,6 +79,31 @@ impl Tree {
         self.links.len()
     }
 
+    /// The first joint that turns freely: the body turns with it as a whole.
+    pub fn whole(&self) -> Option<usize> {
+        self.links.iter().position(|link| link.motion == Motion::Ball)
+    }
+
+    /// True for joints that turn against what carries them, and not with the whole body.
+    pub fn turns_within(&self, joint: usize) -> bool {
+        self.links[joint].motion != Motion::Translate && Some(joint) != self.whole()
+    }
+
+    /// Number of joints that hang on a joint.
+    pub fn children(&self, joint: usize) -> usize {
+        self.links.iter().filter(|link| link.parent == Some(joint)).count()
+    }
+
+    /// True for a joint, and for all that hangs on it.
+    pub fn behind(&self, joint: usize) -> Vec<bool> {
+        let mut behind = vec![false; self.joints()];
+        behind[joint] = true;
+        for at in joint + 1..self.joints() {
+            behind[at] = self.links[at].parent.is_some_and(|parent| behind[parent]);
+        }
+        behind
+    }
+
     /// Degrees of freedom of a joint.
     pub fn own(&self, joint: usize) -> std::ops::Range<usize> {
         let link = &self.links[joint];

@@ -13,6 +13,8 @@ pub(super) struct Begun {
     pub frame: usize,
     /// What it costs.
     pub cost: f64,
+    /// For each marker its part.
+    pub parts: Vec<Option<usize>>,
     /// For each marker the offset from its part's joint, in the axes of the reference pose, cm.
     pub offsets: Vec<Option<Vec3>>,
 }
@@ -36,20 +38,23 @@ pub(super) fn begin(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[
     let mut tried: Vec<(f64, usize, Pose)> = tried.collect();
     tried.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (cost, frame, _) = *tried.first()?;
-    let mut offsets: Vec<Option<Vec3>> = known.iter().map(|known| Some(known.place? - body.tree.links[known.part?].centre)).collect();
+    let mut parts: Vec<Option<usize>> = known.iter().map(|known| known.part).collect();
+    let centre = |part: usize| body.tree.links[part].centre;
+    let mut offsets: Vec<Option<Vec3>> = known.iter().map(|known| Some(known.place? - centre(known.part?))).collect();
     let mut posed = Posed::new(&body.tree);
     // what is not seen in the best frame may be in one that is nearly as good
     for (_, frame, pose) in tried.iter().take_while(|(other, ..)| *other < cost + MORE) {
         posed.set(&body.tree, pose);
         for (at, x, _) in seen.frame(*frame) {
             if offsets[at].is_none()
-                && let Some(part) = known[at].part
+                && let Some((part, _)) = nearest(body, &posed, &known[at], x)
             {
-                offsets[at] = Some(posed.parts[part].back(x) - body.tree.links[part].centre);
+                parts[at] = Some(part);
+                offsets[at] = Some(posed.parts[part].back(x) - centre(part));
             }
         }
     }
-    Some(Begun { frame, cost, offsets })
+    Some(Begun { frame, cost, parts, offsets })
 }
 
 /// The pose to begin with in a frame: the reference pose, moved as a whole. `None` if markers of fewer than three parts are seen.
@@ -73,7 +78,9 @@ fn start(body: &Body, seen: &Seen, known: &[Known], frame: usize) -> Option<Pose
 /// The reference pose, moved as a whole so that pairs of points fall on each other as well as they can.
 pub(super) fn placed(tree: &Tree, pairs: &[(Vec3, Vec3)]) -> Pose {
     if pairs.len() < 3 {
-        return Pose::reference(tree);
+        let from = pairs.iter().map(|(a, _)| a).sum::<Vec3>() / pairs.len().max(1) as f64;
+        let to = pairs.iter().map(|(_, b)| b).sum::<Vec3>() / pairs.len().max(1) as f64;
+        return whole(tree, &UnitQuaternion::identity(), &from, &to);
     }
     let count = pairs.len() as f64;
     let from = pairs.iter().map(|(a, _)| a).sum::<Vec3>() / count;
@@ -110,9 +117,11 @@ fn fit(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[Known], frame
         posed.set(tree, &pose);
         pairs.clear();
         for (at, x, _) in seen.frame(frame) {
-            let Some(part) = known[at].part else { continue };
-            let vertex = known[at].place.or_else(|| nearest(body, &posed, part, x));
-            pairs.extend(vertex.map(|vertex| Pair { part: part as u32, vertex, normal: Vec3::zeros(), point: *x, weight: 1.0 }));
+            let there = match known[at] {
+                Known { part: Some(part), place: Some(place), .. } => Some((part, place)),
+                ref known => nearest(body, &posed, known, x),
+            };
+            pairs.extend(there.map(|(part, vertex)| Pair { part: part as u32, vertex, normal: Vec3::zeros(), point: *x, weight: 1.0 }));
         }
         normal.clear();
         let at = At { tree, pose: &pose, posed: &posed };
@@ -130,23 +139,19 @@ fn fit(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[Known], frame
     let at = At { tree, pose: &pose, posed: &posed };
     let mut off = vec![0.0; tree.freedom()];
     pose.since(tree, &Pose::reference(tree), &mut off);
-    let angles = tree.owners.iter().zip(&off).filter(|(owner, _)| carries_angle(tree, **owner)).map(|(_, off)| off * off);
+    let angles = tree.owners.iter().zip(&off).filter(|(owner, _)| tree.turns_within(**owner)).map(|(_, off)| off * off);
     let cost = Points { pairs: &pairs }.energy(&at) / pairs.len().max(1) as f64 + ANGLE * angles.sum::<f64>() / tree.joints() as f64;
     (cost, pose)
 }
 
-/// True for joints that turn against their parent and not with the whole body.
-fn carries_angle(tree: &Tree, joint: usize) -> bool {
-    let whole = tree.links.iter().position(|link| link.motion == Motion::Ball);
-    tree.links[joint].motion != Motion::Translate && Some(joint) != whole
-}
-
-/// The nearest vertex of a part, in the reference pose.
-fn nearest(body: &Body, posed: &Posed, part: usize, x: &Vec3) -> Option<Vec3> {
-    let back = posed.parts[part].back(x);
-    let squares = body.surfaces[part].iter().map(|&vertex| {
-        let vertex = body.vertices[vertex as usize];
-        ((vertex - back).norm_squared(), vertex)
+/// The nearest vertex of the parts on which a marker may be, in the reference pose, with its part.
+fn nearest(body: &Body, posed: &Posed, known: &Known, x: &Vec3) -> Option<(usize, Vec3)> {
+    let squares = known.part.into_iter().chain(known.or).flat_map(|part| {
+        let back = posed.parts[part].back(x);
+        body.surfaces[part].iter().map(move |&vertex| {
+            let vertex = body.vertices[vertex as usize];
+            ((vertex - back).norm_squared(), part, vertex)
+        })
     });
-    squares.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, vertex)| vertex)
+    squares.min_by(|a, b| a.0.total_cmp(&b.0)).map(|(_, part, vertex)| (part, vertex))
 }

@@ -5,6 +5,7 @@
 //! by Gauss-Newton over frames from all of the take; in each step poses are eliminated first, frame by frame (Schur's complement).
 
 use super::begin::{Begun, begin};
+use super::pass::LIMIT;
 use super::{Seen, Settings, solve};
 use crate::solve::ik::terms::{Limits, Marker};
 use crate::solve::ik::{Normal, Pose, Posed, Tree, Vec3};
@@ -17,6 +18,8 @@ use rayon::prelude::*;
 pub struct Known {
     /// The part it is fixed to.
     pub part: Option<usize>,
+    /// Another part that it may be fixed to as well: the upper half of a trunk.
+    pub or: Option<usize>,
     /// Its place in the reference pose, cm.
     pub place: Option<Vec3>,
 }
@@ -36,6 +39,8 @@ pub struct Calibration {
     pub rms_cm: f64,
     /// The frame that it began with.
     pub frame: usize,
+    /// True if no other size was tried beyond the best one.
+    pub at_edge: bool,
 }
 
 /// Frames that are looked at, at most.
@@ -57,15 +62,24 @@ const TELLING: f64 = 2.0;
 /// Bones shorter than this have no length to estimate, cm.
 const SHORT_CM: f64 = 1.0;
 
+/// Sizes are tried in such steps ...
+const COARSE: f64 = 0.04;
+/// ... and then in such ...
+const FINE: f64 = 0.01;
+/// ... up to this far from that of the rig.
+const FARTHEST: f64 = 0.24;
+
 /// Estimates offsets and scales. `None` if there is no frame in which markers of three parts are seen.
 pub fn calibrate(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[Known]) -> Option<Calibration> {
+    let limits = limits.map(|limits| limits.weighing(LIMIT));
+    let limits = limits.as_ref();
     let (size, start) = sized(body, limits, seen, known)?;
     let body = &body.scaled(size);
     let mut model = Model {
         tree: body.tree.clone(),
         reference: body.tree.clone(),
         scales: vec![1.0; body.tree.joints()],
-        parts: known.iter().map(|known| known.part).collect(),
+        parts: start.parts,
         first: start.offsets.clone(),
         offsets: start.offsets,
         sigma_cm: known.iter().map(|k| if k.place.is_some() { KNOWN_SIGMA_CM } else { OFFSET_SIGMA_CM }).collect(),
@@ -85,7 +99,8 @@ pub fn calibrate(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[Kno
     }
     let markers = (0..seen.markers).map(|at| model.marker(at)).collect();
     let body = moved(body, &model.tree);
-    Some(Calibration { body, size, scales: model.scales, markers, rms_cm, frame: start.frame })
+    let at_edge = (size - 1.0).abs() > FARTHEST - 0.5 * FINE;
+    Some(Calibration { body, size, scales: model.scales, markers, rms_cm, frame: start.frame, at_edge })
 }
 
 /// The size of the body with which markers fit the surface best, and how they do.
@@ -98,8 +113,9 @@ fn sized(body: &Body, limits: Option<&Limits>, seen: &Seen, known: &[Known]) -> 
             sizes.par_iter().map(|&size| Some((size, begin(&body.scaled(size), limits, seen, known)?))).collect();
         fits.into_iter().flatten().min_by(|a, b| a.1.cost.total_cmp(&b.1.cost))
     };
-    let (about, _) = best((-6..=6).map(|step| 1.0 + 0.04 * f64::from(step)).collect())?;
-    best((-3..=3).map(|step| about + 0.01 * f64::from(step)).collect())
+    let (about, _) = best((-6..=6).map(|step| 1.0 + COARSE * f64::from(step)).collect())?;
+    let near = (-3..=3).map(|step| about + FINE * f64::from(step));
+    best(near.filter(|size| (size - 1.0).abs() < FARTHEST + 0.5 * FINE).collect())
 }
 
 /// The surface with every part moved to where its joint has come to be.

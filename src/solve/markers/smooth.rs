@@ -3,10 +3,10 @@
 //! Done in windows that overlap, each on a core of its own. What a frame is told by another fades within a few frames, so a window's inner frames
 //! do not notice its edges; memory depends on the window, not on the take; and the result does not depend on the number of cores.
 
-use super::Seen;
 use super::band::Band;
+use super::{Seen, Told};
 use crate::solve::ik::terms::{At, Limits, Marker};
-use crate::solve::ik::{Motion, Normal, Pose, Posed, Term, Tree};
+use crate::solve::ik::{Motion, Normal, Pose, Posed, State, Term, Tree};
 use rayon::prelude::*;
 use std::ops::Range;
 
@@ -16,10 +16,32 @@ const INNER: usize = 384;
 const MARGIN: usize = 48;
 /// A step that turns nothing by more than this is the last, radians.
 const SMALL: f64 = 0.35;
+/// Steps that make the energy of markers so many times as large as it was ...
+const AWAY_TIMES: f64 = 4.0;
+/// ... and besides by so much a sample are taken back.
+const AWAY: f64 = 4.0;
+/// No joint turns farther in one step, radians.
+const LONGEST: f64 = 0.5;
+/// The weight of speeds of what is not told of, against that of accelerations: both are of the usual size then.
+const SLOW: f64 = 0.3;
+/// The weight of its differences from the mean pose, likewise.
+const PULL: f64 = 1.0;
+/// Accelerations and speeds of joints of which too little is told to measure them, radians per frame ...
+const UNKNOWN_TURN: f64 = 0.02;
+/// ... and cm per frame.
+const UNKNOWN_SHIFT_CM: f64 = 0.5;
+/// As many frames tell what is usual.
+const ENOUGH: usize = 5;
 /// Frames on either side that tell how fast a joint is for a while.
 const AROUND: usize = 3;
 /// Accelerations below this are noise, radians or centimetres per frame².
 const LEAST: f64 = 1e-3;
+/// Poses that tell what is usual, at most.
+const MOST_LOOKED_AT: usize = 1024;
+/// Times that a mean state is shifted.
+const MEANS: usize = 3;
+/// Joints are believed to turn at least by so much, radians.
+const LEAST_SPREAD: f64 = 0.1;
 /// Keeps what nobody sees and nothing holds where it is.
 const STILL: f64 = 1e-6;
 
@@ -30,6 +52,8 @@ pub(super) struct Task<'a> {
     pub limits: Option<&'a Limits>,
     pub markers: &'a [Marker],
     pub seen: &'a Seen,
+    /// Which joints they tell of.
+    pub told: &'a Told,
     /// For each marker, what its weights are multiplied by.
     pub trust: &'a [f64],
 }
@@ -68,7 +92,7 @@ pub(super) fn smooth(task: &Task<'_>, poses: &[Pose], strength: f64, most: usize
     if frames < 3 {
         return (poses.to_vec(), Vec::new());
     }
-    let usual = usual_accelerations(task.tree, poses);
+    let usual = Usual::new(task, poses);
     let windows: Vec<(Vec<Pose>, Vec<Stepped>)> = (0..frames.div_ceil(INNER))
         .into_par_iter()
         .map_init(
@@ -87,7 +111,13 @@ pub(super) fn smooth(task: &Task<'_>, poses: &[Pose], strength: f64, most: usize
                 let mut steps: Vec<Stepped> = Vec::with_capacity(most);
                 while steps.len() < most && steps.last().is_none_or(|step| step.largest >= SMALL) {
                     let Some(stepped) = step(task, from, &mut own, &inner, &usual, strength, memory) else { break };
+                    let first = *steps.first().unwrap_or(&stepped);
                     steps.push(stepped);
+                    if stepped.energy > first.energy * AWAY_TIMES + AWAY * stepped.samples as f64 {
+                        // too few markers hold the body: the steps lead away from them
+                        own.clone_from_slice(&poses[from..to]);
+                        break;
+                    }
                 }
                 (own.drain(inner).collect(), steps)
             },
@@ -122,7 +152,7 @@ fn step(
     first: usize,
     poses: &mut [Pose],
     inner: &Range<usize>,
-    usual: &[f64],
+    usual: &Usual,
     strength: f64,
     memory: &mut Memory,
 ) -> Option<Stepped> {
@@ -160,7 +190,7 @@ fn step(
         squares.extend((0..joints).map(|joint| square(tree, speeds, frame, joint)));
     }
     for frame in 1..frames.max(1) - 1 {
-        for (joint, usual) in usual.iter().enumerate() {
+        for (joint, usual) in usual.accelerations.iter().enumerate() {
             // a heavy tail: where a joint is much faster than usual for a while, that is no noise
             let weight = strength / (usual * usual + around(squares, joints, frame - 1, joint));
             for dof in tree.own(joint) {
@@ -175,18 +205,63 @@ fn step(
             }
         }
     }
+    come_to_rest(task, first, poses, usual, strength, speeds, band);
     if !band.solve() {
         return None;
     }
-    for (pose, step) in poses.iter_mut().zip(band.right.chunks_exact(n)) {
+    found.largest = 0.0;
+    for (pose, step) in poses.iter_mut().zip(band.right.chunks_exact_mut(n)) {
+        for (joint, link) in tree.links.iter().enumerate().filter(|(_, link)| link.motion != Motion::Translate) {
+            let own = &mut step[link.first..][..tree.own(joint).len()];
+            found.largest = own.iter().fold(found.largest, |largest, x| f64::max(largest, x.abs()));
+            // far away from here the equations do not hold
+            let length = own.iter().map(|x| x * x).sum::<f64>().sqrt();
+            if length > LONGEST {
+                for x in own {
+                    *x *= LONGEST / length;
+                }
+            }
+        }
         pose.update(tree, step, 1.0);
     }
-    let turns = |step: &[f64]| {
-        let turning = step.iter().zip(&tree.owners).filter(|(_, owner)| tree.links[**owner].motion != Motion::Translate);
-        turning.fold(0.0, |largest, (step, _)| f64::max(largest, step.abs()))
-    };
-    found.largest = band.right.chunks_exact(n).map(turns).fold(0.0, f64::max);
     Some(found)
+}
+
+/// What is not told of comes to rest, and goes to where its joint is in the mean: else it would go on turning for ever.
+fn come_to_rest(task: &Task<'_>, first: usize, poses: &[Pose], usual: &Usual, strength: f64, speeds: &[f64], band: &mut Band) {
+    let tree = task.tree;
+    let n = tree.freedom();
+    let mut off = [0.0; 3];
+    for joint in 0..tree.joints() {
+        let own = tree.own(joint);
+        let off = &mut off[..own.len()];
+        let (within, whole) = (tree.turns_within(joint), Some(joint) == tree.whole());
+        let resting = strength * SLOW / usual.speeds[joint].powi(2);
+        let pulling = strength * PULL / usual.spreads[joint].powi(2);
+        for (frame, pose) in poses.iter().enumerate() {
+            let told = if whole { task.told.firmly(first + frame, joint) } else { task.told.of(first + frame, joint) };
+            if told {
+                continue;
+            }
+            if within {
+                pose.0[joint].since(&usual.rest.0[joint], off);
+                for (dof, off) in own.clone().zip(&*off) {
+                    band.couple(frame, dof, 0, pulling);
+                    band.right[frame * n + dof] -= pulling * off;
+                }
+            }
+            for from in [frame.checked_sub(1), Some(frame)].into_iter().flatten().filter(|from| from + 1 < poses.len()) {
+                for dof in own.clone() {
+                    let speed = speeds[from * n + dof];
+                    band.couple(from, dof, 0, resting);
+                    band.couple(from + 1, dof, 0, resting);
+                    band.couple(from, dof, 1, -resting);
+                    band.right[from * n + dof] += resting * speed;
+                    band.right[(from + 1) * n + dof] -= resting * speed;
+                }
+            }
+        }
+    }
 }
 
 /// What leads from each frame to the next.
@@ -220,15 +295,84 @@ fn around(squares: &[f64], joints: usize, at: usize, joint: usize) -> f64 {
     *sorted.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// For each joint, the median of its accelerations.
-fn usual_accelerations(tree: &Tree, poses: &[Pose]) -> Vec<f64> {
-    let mut speeds = Vec::new();
-    find_speeds(tree, poses, &mut speeds);
-    let joints = (0..tree.joints()).into_par_iter().map(|joint| {
-        let mut sizes: Vec<f64> = (1..poses.len() - 1).map(|frame| square(tree, &speeds, frame, joint).sqrt()).collect();
-        let middle = sizes.len() / 2;
-        let (_, median, _) = sizes.select_nth_unstable_by(middle, f64::total_cmp);
-        median.max(LEAST)
-    });
-    joints.collect()
+/// What is usual for each joint, in the frames in which it is told of.
+struct Usual {
+    /// The median of its accelerations.
+    accelerations: Vec<f64>,
+    /// The root mean square of its speeds.
+    speeds: Vec<f64>,
+    /// Its mean state.
+    rest: Pose,
+    /// The root mean square of its differences from that.
+    spreads: Vec<f64>,
+}
+
+impl Usual {
+    fn new(task: &Task<'_>, poses: &[Pose]) -> Self {
+        let (tree, told) = (task.tree, task.told);
+        let n = tree.freedom();
+        let mut speeds = Vec::new();
+        find_speeds(tree, poses, &mut speeds);
+        let every = poses.len().div_ceil(MOST_LOOKED_AT);
+        let of_joint = |joint: usize| {
+            let width = tree.own(joint).len() as f64;
+            let measure = |known: &dyn Fn(usize) -> bool| {
+                let inner = (1..poses.len() - 1).filter(|&frame| known(frame - 1) && known(frame) && known(frame + 1));
+                let mut sizes: Vec<f64> = inner.map(|frame| square(tree, &speeds, frame, joint).sqrt()).collect();
+                if sizes.len() < ENOUGH {
+                    return None;
+                }
+                let middle = sizes.len() / 2;
+                let acceleration = sizes.select_nth_unstable_by(middle, f64::total_cmp).1.max(LEAST);
+                let (mut squares, mut count) = (0.0, 0.0);
+                for frame in (1..poses.len()).filter(|&frame| known(frame - 1) && known(frame)) {
+                    squares += tree.own(joint).map(|dof| speeds[(frame - 1) * n + dof].powi(2)).sum::<f64>() / width;
+                    count += 1.0;
+                }
+                Some((acceleration, f64::sqrt(squares / count).max(acceleration)))
+            };
+            let found = measure(&|frame| told.firmly(frame, joint));
+            // how the body turns as a whole is not seen from markers that do not tell it
+            let found = if Some(joint) == tree.whole() { found } else { found.or_else(|| measure(&|frame| told.of(frame, joint))) };
+            let unknown = if tree.links[joint].motion == Motion::Translate { UNKNOWN_SHIFT_CM } else { UNKNOWN_TURN };
+            let (acceleration, speed) = found.unwrap_or((unknown, unknown));
+            let known = (0..poses.len()).step_by(every).filter(|&frame| told.of(frame, joint));
+            let (rest, spread) = rest(tree, joint, &known.map(|frame| &poses[frame]));
+            (acceleration, speed, rest, spread)
+        };
+        let all: Vec<(f64, f64, State, f64)> = (0..tree.joints()).into_par_iter().map(of_joint).collect();
+        Self {
+            accelerations: all.iter().map(|x| x.0).collect(),
+            speeds: all.iter().map(|x| x.1).collect(),
+            rest: Pose(all.iter().map(|x| x.2).collect()),
+            spreads: all.iter().map(|x| x.3).collect(),
+        }
+    }
+}
+
+/// The mean of a joint's states, and the root mean square of the differences from it.
+fn rest<'a>(tree: &Tree, joint: usize, poses: &(impl Iterator<Item = &'a Pose> + Clone)) -> (State, f64) {
+    let mut mean = Pose::reference(tree).0[joint];
+    let mut off = [0.0; 3];
+    let width = tree.own(joint).len();
+    let off = &mut off[..width];
+    let mut spread = 0.0;
+    for _ in 0..MEANS {
+        let (mut sum, mut squares, mut count) = ([0.0; 3], 0.0, 0.0);
+        for pose in poses.clone() {
+            pose.0[joint].since(&mean, off);
+            for (to, from) in sum.iter_mut().zip(&*off) {
+                *to += from;
+            }
+            squares += off.iter().map(|x| x * x).sum::<f64>() / width as f64;
+            count += 1.0;
+        }
+        if count == 0.0 {
+            break;
+        }
+        let shift = sum.map(|x| x / count);
+        spread = squares / count - shift.iter().map(|x| x * x).sum::<f64>() / width as f64;
+        mean = mean.updated(&shift[..width]);
+    }
+    (mean, spread.max(0.0).sqrt().max(LEAST_SPREAD))
 }

@@ -467,8 +467,8 @@ fn a_sequence_may_begin_in_another_pose_than_the_skeleton() {
             tracked.extend(tracker.finish());
             assert_eq!(tracked.len(), frames.len());
             for (at, (tracked, (_, truth))) in tracked.iter().zip(&frames).enumerate() {
-                for joint in 1..truth.len() {
-                    let off = (truth[joint] - tracked.centres[joint]).norm();
+                for (joint, place) in truth.iter().enumerate().skip(1) {
+                    let off = (place - tracked.centres[joint]).norm();
                     let above = body.tree.links[joint].parent.is_some_and(|parent| tracked.lost[parent]);
                     assert!(
                         off < 15.0 || tracked.lost[joint] || above,

@@ -76,6 +76,12 @@ impl Limits {
         Self { bounds }
     }
 
+    /// The same bounds, all with one weight.
+    #[must_use]
+    pub fn weighing(&self, weight: f64) -> Self {
+        Self { bounds: self.bounds.iter().map(|&(joint, bound, _)| (joint, bound, weight)).collect() }
+    }
+
     /// Gives every bound a weight like that of what the data say about its joint: as written in the report, angles stand beside squared
     /// centimetres of thousands of points and do nothing. `normal` holds the data, gathered.
     pub fn weigh(&mut self, tree: &Tree, normal: &Normal, factor: f64, least: f64) {
