@@ -333,11 +333,11 @@ fn gaps_are_filled_from_the_body() {
 fn a_dry_run_looks_and_writes_nothing() {
     let lab = lab(&without(&walk(&MarkerOptions::default()), |_, name| name == "l_thigh_0"));
     let before = lab.listing();
-    let ran = run(&lab, &["--dry-run"]).with_code(0);
+    let ran = run(&lab, &["--dry-run"]).with_code(3);
     assert!(ran.out.starts_with("in.c3d (dry run, nothing was written)\n"), "{}", ran.out);
     let told = ran.sentences();
     assert!(["l_thigh_0", "are used", "out.bvh", "out.frames.csv"].iter().all(|what| told.contains(what)), "{told}");
-    let summary = run(&lab, &["--dry-run", "--json"]).with_code(0).messages().pop().unwrap();
+    let summary = run(&lab, &["--dry-run", "--json"]).with_code(3).messages().pop().unwrap();
     assert_eq!((&summary["dry_run"], &summary["output"], &summary["frames"]), (&true.into(), &serde_json::Value::Null, &FRAMES.into()));
     lab.write("bad.csv", "marker,vertex,joint\nx,999999,torso\n");
     let words: Vec<&str> = [&["solve", "in.c3d", "-o", "out.bvh", "--map", "bad.csv", "--dry-run"], &BODY[..]].concat();

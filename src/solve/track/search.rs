@@ -63,7 +63,7 @@ impl Cost {
     /// True if it is less than this share of another cost. Less has to be left over of the points, too: a limb that nobody sees can be laid on
     /// what others explain already.
     pub fn below(&self, share: f64, other: &Self) -> bool {
-        self.points + self.surface < share * (other.points + other.surface) && self.points < (1.0 - (1.0 - share) / 2.0) * other.points
+        self.points + self.surface < share * (other.points + other.surface) && self.points < (1.0 - (1.0 - share) / 7.0) * other.points
     }
 }
 
