@@ -237,14 +237,14 @@ class Cluster:
         self.cpus = start.get("cpus")
         self.store = max(SMALLEST_STORE, 2 * os.path.getsize(start["program"]))
         if self.address is None:
-            # Anybody on this machine could give tasks to a cluster without a token. This one never touches a disk.
-            token = secrets.token_hex(32)
-            self.folder, self.lock = own_folder(start.get("temp"))
-            # the second one makes Ray take the loopback address for that of this machine, and listen nowhere else
-            os.environ.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=token, RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER="0")
-            os.environ.pop("RAY_AUTH_TOKEN_PATH", None)
-            for name in ("RAY_ADDRESS", "RAY_NODE_IP_ADDRESS", "RAY_REDIS_ADDRESS", "RAY_TMPDIR"):
+            for name in ("RAY_ADDRESS", "RAY_AUTH_TOKEN_PATH", "RAY_REDIS_ADDRESS", "RAY_TMPDIR"):
                 os.environ.pop(name, None)
+            # Anybody on this machine could give tasks to a cluster without a token. This one never touches a disk.
+            os.environ.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=secrets.token_hex(32))
+            self.folder, self.lock = own_folder(start.get("temp"))
+        if self.address is None or is_loopback(self.address):
+            # Ray replaces loopback addresses by that of the network, and then listens everywhere, unless it is told that there is no network
+            os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
         os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
 
@@ -275,6 +275,13 @@ class Cluster:
             ray.shutdown()
         if self.folder is not None:
             shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def is_loopback(address):
+    if address == "auto":
+        with contextlib.suppress(OSError), open(os.path.join(os.environ.get("RAY_TMPDIR", "/tmp"), "ray", "ray_current_cluster"), encoding="utf-8") as file:
+            address = file.read()
+    return address.removeprefix("ray://").rpartition(":")[0] in ("127.0.0.1", "localhost", "[::1]")
 
 
 def own_folder(temp):
@@ -392,11 +399,6 @@ class Driver:
                 ray.cancel(reference, force=True)
                 self.submit(message)
 
-    def stop(self):
-        for _, reference, *_ in self.running.values():
-            with contextlib.suppress(Exception):
-                ray.cancel(reference, force=True)
-
 
 def nodes_now():
     """Processors and memory of each node that is there and has processors, and how many nodes there are."""
@@ -422,7 +424,7 @@ def listen(lines, events):
 
 
 def too_late(say, address):
-    say(message_type="error", kind="no_cluster", text=f"no Ray cluster at {address or 'this machine'} after {PATIENCE_SECS:.0f} s; is it running, and does it want a token?")
+    say(message_type="error", kind="no_cluster", text=why_not(f"no answer in {PATIENCE_SECS:.0f} s", address))
     os._exit(1)
 
 
@@ -439,11 +441,12 @@ def import_ray():
 
 def why_not(error, address):
     """Why there is no connection, with the way out. Ray never tells the token."""
-    text = f"{type(error).__name__}: {' '.join(str(error).split())}"[:2000]
+    text = " ".join(str(error).split())[:1000]
     if address is None:
-        return f"Ray does not start on this machine: {text}"
-    out = "its token goes into RAY_AUTH_TOKEN_PATH (a file) or ~/.ray/auth_token, with RAY_AUTH_MODE=token"
-    return f"no connection to the Ray cluster at {address}: {text}; {out}; Ray here is {ray.__version__} on Python {sys.version.split()[0]}, and has to be the same there"
+        return f"no Ray cluster on this machine: {text}"
+    out = "if it wants a token, set RAY_AUTH_MODE=token and have the token in the file that RAY_AUTH_TOKEN_PATH names, or in ~/.ray/auth_token"
+    versions = f"Ray {ray.__version__} and Python {sys.version.split()[0]} have to be the same there"
+    return f"no connection to the Ray cluster at {address}: {text}; {out}; {versions}"
 
 
 def drive(lines, events, say):
@@ -499,7 +502,6 @@ def drive(lines, events, say):
             else:
                 break
             del event, value  # or the last result would be kept until the next one
-        driver.stop()
     finally:
         cluster.close()
 
