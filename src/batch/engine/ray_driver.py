@@ -19,7 +19,6 @@ import json
 import os
 import queue
 import secrets
-import selectors
 import shutil
 import signal
 import socket
@@ -39,9 +38,9 @@ PATIENCE_SECS = 60.0
 CONNECT_SECS = 10.0
 POLL_SECS = 3.0
 
-# How much of the end of standard error is kept, and how long a line of standard output may be, bytes.
+# How much of the end of standard error is kept, and how much of that of standard output is searched for the result, bytes.
 STDERR_KEPT = 4096
-LONGEST_LINE = 16 << 20
+STDOUT_KEPT = 4 << 20
 
 # The object store of a cluster on this machine, bytes: results are passed on without it, only a copy of the program ever lies there.
 SMALLEST_STORE = 100 << 20
@@ -131,57 +130,10 @@ def tied():
     return known["tied"]
 
 
-def attend(child, line, timeout):
-    """Gives `line` to the process, and leaves its input open. Returns its result, the end of its standard error, and whether it was late."""
-    began = time.monotonic()
-    said, result, complaint, late = b"", None, b"", False
-    with selectors.DefaultSelector() as wait:
-        for stream, events in ((child.stdin, selectors.EVENT_WRITE), (child.stdout, selectors.EVENT_READ), (child.stderr, selectors.EVENT_READ)):
-            os.set_blocking(stream.fileno(), False)
-            wait.register(stream, events)
-        while True:
-            left = None if timeout is None else began + timeout - time.monotonic()
-            if not late and left is not None and left <= 0:
-                late = True
-                with contextlib.suppress(ProcessLookupError):
-                    os.killpg(child.pid, signal.SIGKILL)
-            over = child.poll() is not None
-            # somebody else may hold the other end of a pipe when the process itself is gone
-            ready = wait.select(0 if over else 1.0 if left is None else min(1.0, max(left, 0.01)))
-            if over and not ready:
-                break
-            for key, _ in ready:
-                if key.fileobj is child.stdin:
-                    try:
-                        line = line[os.write(child.stdin.fileno(), line[:65536]):]
-                    except BlockingIOError:
-                        continue
-                    except OSError:  # it has ended, and how will be seen
-                        line = b""
-                    if not line:
-                        wait.unregister(child.stdin)
-                    continue
-                piece = os.read(key.fd, 65536)
-                if not piece:
-                    wait.unregister(key.fileobj)
-                elif key.fileobj is child.stderr:
-                    complaint = (complaint + piece)[-STDERR_KEPT:]
-                else:
-                    *lines, said = (said + piece).split(b"\n")
-                    result = next((one for one in reversed(lines) if b'"result"' in one), result)
-                    if len(said) > LONGEST_LINE:
-                        said = b""
-            if not wait.get_map() or all(stream.fileobj is child.stdin for stream in wait.get_map().values()):
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    child.wait(None if left is None or late else max(left, 0.01))
-                    break
-    try:
-        result = json.loads(result) if result else None
-    except ValueError:
-        result = None
-    if not isinstance(result, dict) or result.get("message_type") != "result":
-        result = None
-    return result, complaint.decode("utf-8", "replace").strip(), late
+def end_of(file, most):
+    """The last bytes of a file that another process has written."""
+    file.seek(max(0, file.seek(0, os.SEEK_END) - most))
+    return file.read()
 
 
 def run_take(program, sha256, shipped, line, timeout):
@@ -192,25 +144,37 @@ def run_take(program, sha256, shipped, line, timeout):
     began = time.monotonic()
     # secrets of the cluster are not for the program
     environment = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
-    child = subprocess.Popen(
-        [*tied(), path, "batch", "take"],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0, env=environment, start_new_session=True,
-    )
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        # no preexec_fn: it would run Python, and what gRPC does at a fork, in a copy of a process with many threads
+        child = subprocess.Popen([*tied(), path, "batch", "take"], stdin=subprocess.PIPE, stdout=out, stderr=err, env=environment)
+        late = threading.Event()
+        clock = threading.Timer(timeout or 0, lambda: (late.set(), child.kill()))
+        try:
+            if timeout is not None:
+                clock.start()
+            with contextlib.suppress(BrokenPipeError):  # it has ended already, and how will be seen
+                child.stdin.write(line)
+                child.stdin.flush()
+            code = child.wait()
+        finally:
+            clock.cancel()
+            child.kill()
+            with contextlib.suppress(BrokenPipeError):
+                child.stdin.close()
+        complaint = end_of(err, STDERR_KEPT).decode("utf-8", "replace").strip()
+        lines = [one for one in end_of(out, STDOUT_KEPT).split(b"\n") if b'"result"' in one]
     try:
-        result, complaint, late = attend(child, line, timeout)
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(child.pid, signal.SIGKILL)
-        code = child.wait()
-        for stream in (child.stdin, child.stdout, child.stderr):
-            stream.close()
+        result = json.loads(lines[-1]) if lines else None
+    except ValueError:
+        result = None
+    is_late = late.is_set() and code == -signal.SIGKILL
     # a program in Rust ends by a signal if the system gives no memory, and says so
     short = code < 0 and "memory allocation of" in complaint
     return {
-        "ended": "timeout" if late else "memory" if short else "signal" if code < 0 else "exit",
-        "code": code if code >= 0 and not late else None,
+        "ended": "timeout" if is_late else "memory" if short else "signal" if code < 0 else "exit",
+        "code": code if code >= 0 else None,
         "signal": -code if code < 0 else None,
-        "result": result,
+        "result": result if isinstance(result, dict) and result.get("message_type") == "result" else None,
         "stderr": complaint,
         "elapsed_secs": round(time.monotonic() - began, 6),
         "node": socket.gethostname(),
@@ -242,6 +206,7 @@ class Cluster:
             # Anybody on this machine could give tasks to a cluster without a token. This one never touches a disk.
             os.environ.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=secrets.token_hex(32))
             self.folder, self.lock = own_folder(start.get("temp"))
+            self.guard = guarded(self.folder)
         if self.address is None or is_loopback(self.address):
             # Ray replaces loopback addresses by that of the network, and then listens everywhere, unless it is told that there is no network
             os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
@@ -302,6 +267,29 @@ def own_folder(temp):
     fcntl.flock(lock, fcntl.LOCK_EX)
     os.rename(os.path.join(folder, "new"), os.path.join(folder, "lock"))
     return os.path.realpath(folder), lock
+
+
+def guarded(folder):
+    """Ends what Ray has started when this process is gone, however it ended: some of it would stay for a minute. Has to come before any thread."""
+    group = os.getpgrp()
+    if group != os.getpid():
+        return None
+    end, ours = os.pipe()
+    if os.fork():
+        os.close(end)
+        return ours  # open as long as this process is there, and nobody else has it
+    os.setsid()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    os.dup2(end, 0)
+    os.closerange(1, 1024)
+    os.read(0, 1)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(group, signal.SIGKILL)
+    while os.path.exists(folder):  # workers, which are on their own, see that Ray is gone a little later
+        shutil.rmtree(folder, ignore_errors=True)
+        time.sleep(1)
+    os._exit(0)
 
 
 def pip_line():
@@ -454,8 +442,8 @@ def drive(lines, events, say):
         start = json.loads(next(lines, "null"))
         if not isinstance(start, dict) or start.get("message_type") != "start":
             raise Failure("driver", "the first line of standard input is no start message")
-        threading.Thread(target=listen, args=(lines, events), daemon=True).start()
         cluster = Cluster(start)
+        threading.Thread(target=listen, args=(lines, events), daemon=True).start()
     except (ValueError, KeyError, OSError) as e:
         raise Failure("driver", f"cannot begin: {type(e).__name__}: {e}") from None
     try:
@@ -520,7 +508,7 @@ def main():
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
-    with contextlib.suppress(OSError):
+    if os.getpgrp() != os.getpid():
         os.setsid()  # out of reach of the terminal's Ctrl-C, with all that Ray starts
 
     def say(**message):
