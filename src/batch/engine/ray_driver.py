@@ -13,7 +13,6 @@ Each job is one task that runs the program once, as `batch take`. A task is neve
 """
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
@@ -136,6 +135,15 @@ def end_of(file, most):
     return file.read()
 
 
+def result_in(said):
+    """The last line that is a result, or None."""
+    for line in reversed(said.split(b"\n")):
+        with contextlib.suppress(ValueError, AttributeError):
+            if (message := json.loads(line)).get("message_type") == "result":
+                return message
+    return None
+
+
 def run_take(program, sha256, shipped, line, timeout):
     """One take: what the task does. Returns what `ended` says of it, or None if the program has to be sent first."""
     path = program_here(program, sha256, shipped)
@@ -162,11 +170,7 @@ def run_take(program, sha256, shipped, line, timeout):
             with contextlib.suppress(BrokenPipeError):
                 child.stdin.close()
         complaint = end_of(err, STDERR_KEPT).decode("utf-8", "replace").strip()
-        lines = [one for one in end_of(out, STDOUT_KEPT).split(b"\n") if b'"result"' in one]
-    try:
-        result = json.loads(lines[-1]) if lines else None
-    except ValueError:
-        result = None
+        result = result_in(end_of(out, STDOUT_KEPT))
     is_late = late.is_set() and code == -signal.SIGKILL
     # a program in Rust ends by a signal if the system gives no memory, and says so
     short = code < 0 and "memory allocation of" in complaint
@@ -174,7 +178,7 @@ def run_take(program, sha256, shipped, line, timeout):
         "ended": "timeout" if is_late else "memory" if short else "signal" if code < 0 else "exit",
         "code": code if code >= 0 else None,
         "signal": -code if code < 0 else None,
-        "result": result if isinstance(result, dict) and result.get("message_type") == "result" else None,
+        "result": result,
         "stderr": complaint,
         "elapsed_secs": round(time.monotonic() - began, 6),
         "node": socket.gethostname(),
@@ -197,7 +201,7 @@ class Cluster:
 
     def __init__(self, start):
         self.address = start.get("address")
-        self.folder = self.lock = None
+        self.folder = None
         self.cpus = start.get("cpus")
         self.store = max(SMALLEST_STORE, 2 * os.path.getsize(start["program"]))
         if self.address is None:
@@ -205,7 +209,7 @@ class Cluster:
                 os.environ.pop(name, None)
             # Anybody on this machine could give tasks to a cluster without a token. This one never touches a disk.
             os.environ.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=secrets.token_hex(32))
-            self.folder, self.lock = own_folder(start.get("temp"))
+            self.folder = own_folder(start.get("temp"))
             self.guard = guarded(self.folder)
         if self.address is None or is_loopback(self.address):
             # Ray replaces loopback addresses by that of the network, and then listens everywhere, unless it is told that there is no network
@@ -216,10 +220,8 @@ class Cluster:
     def connect(self):
         quiet = {"log_to_driver": False, "logging_level": "ERROR"}
         if self.address is None:
-            ray.init(
-                address="local", num_cpus=self.cpus, include_dashboard=False, object_store_memory=self.store,
-                _temp_dir=os.path.join(self.folder, "r"), _node_ip_address="127.0.0.1", **quiet,
-            )
+            own = {"num_cpus": self.cpus, "include_dashboard": False, "object_store_memory": self.store, "_temp_dir": os.path.join(self.folder, "r")}
+            ray.init(address="local", _node_ip_address="127.0.0.1", **own, **quiet)
             here = ray.get_runtime_context().gcs_address
             if not here.startswith("127."):
                 raise Failure("driver", f"Ray listens on {here}, and should on 127.0.0.1 only; install the version that this was tried with: {pip_line()}")
@@ -250,23 +252,12 @@ def is_loopback(address):
 
 
 def own_folder(temp):
-    """A folder for a cluster on this machine that only this user can enter, and what marks it as used. Ray opens its own to everybody."""
-    place = temp or tempfile.gettempdir()
-    longest = os.path.join(os.path.realpath(place), "mocap-ray-12345678")
-    if len(os.fsencode(longest)) > LONGEST_FOLDER:
+    """A folder for a cluster on this machine that only this user can enter: Ray opens its own to everybody."""
+    place = os.path.realpath(temp or tempfile.gettempdir())
+    if len(os.fsencode(os.path.join(place, "mocap-ray-12345678"))) > LONGEST_FOLDER:
         print(f"{place} is too long a path for the sockets of Ray; /tmp is used", file=sys.stderr)
         place = "/tmp"
-    for name in os.listdir(place):  # folders of those that were killed
-        left = os.path.join(place, name)
-        if name.startswith("mocap-ray-") and os.path.isdir(left) and os.stat(left).st_uid == os.geteuid():
-            with contextlib.suppress(OSError), open(os.path.join(left, "lock"), "rb") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(left, ignore_errors=True)
-    folder = tempfile.mkdtemp(prefix="mocap-ray-", dir=place)
-    lock = open(os.path.join(folder, "new"), "wb")  # noqa: SIM115 - open as long as this process is there
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    os.rename(os.path.join(folder, "new"), os.path.join(folder, "lock"))
-    return os.path.realpath(folder), lock
+    return tempfile.mkdtemp(prefix="mocap-ray-", dir=place)
 
 
 def guarded(folder):
@@ -286,9 +277,10 @@ def guarded(folder):
     os.read(0, 1)
     with contextlib.suppress(ProcessLookupError):
         os.killpg(group, signal.SIGKILL)
-    while os.path.exists(folder):  # workers, which are on their own, see that Ray is gone a little later
-        shutil.rmtree(folder, ignore_errors=True)
-        time.sleep(1)
+    for _ in range(10):  # workers, which are on their own, see a little later that Ray is gone
+        if os.path.exists(folder):
+            shutil.rmtree(folder, ignore_errors=True)
+            time.sleep(1)
     os._exit(0)
 
 
@@ -371,13 +363,10 @@ class Driver:
     def lost(self, number, error):
         """A task that came to no end of its own."""
         *_, since = self.running.pop(number)
-        memory = isinstance(error, ray.exceptions.OutOfMemoryError)
-        cause = getattr(error, "cause", None)
-        text = f"{type(cause or error).__name__}: {cause or error}"
-        self.say(
-            message_type="ended", id=number, ended="memory" if memory else "lost", code=None, signal=None, result=None,
-            stderr=text[:STDERR_KEPT], elapsed_secs=round(time.monotonic() - since, 6), node=None,
-        )
+        ended = "memory" if isinstance(error, ray.exceptions.OutOfMemoryError) else "lost"
+        cause = getattr(error, "cause", None) or error
+        text, elapsed = f"{type(cause).__name__}: {cause}"[:STDERR_KEPT], round(time.monotonic() - since, 6)
+        self.say(message_type="ended", id=number, ended=ended, code=None, signal=None, result=None, stderr=text, elapsed_secs=elapsed, node=None)
 
     def seen(self, nodes):
         """The cluster is as it is now. What waits for a node that is gone is handed in again, for what is left."""
@@ -406,14 +395,11 @@ def watch(events):
 
 
 def listen(lines, events):
-    for line in lines:
-        events.put(("line", line))
+    with contextlib.suppress(ValueError, AttributeError):  # a line that is no message is the end too
+        for line in lines:
+            message = json.loads(line)
+            events.put((message.get("message_type"), message))
     events.put(("stop", None))
-
-
-def too_late(say, address):
-    say(message_type="error", kind="no_cluster", text=why_not(f"no answer in {PATIENCE_SECS:.0f} s", address))
-    os._exit(1)
 
 
 def import_ray():
@@ -437,6 +423,26 @@ def why_not(error, address):
     return f"no connection to the Ray cluster at {address}: {text}; {out}; {versions}"
 
 
+def connected(cluster, say):
+    """The address of the cluster and what it has; ends everything if that takes too long."""
+
+    def too_late():
+        say(message_type="error", kind="no_cluster", text=why_not(f"no answer in {PATIENCE_SECS:.0f} s", cluster.address))
+        os._exit(1)
+
+    alarm = threading.Timer(PATIENCE_SECS, too_late)
+    alarm.daemon = True
+    alarm.start()
+    try:
+        return (cluster.connect(), *nodes_now())
+    except Failure:
+        raise
+    except BaseException as e:
+        raise Failure("no_cluster", why_not(e, cluster.address)) from None
+    finally:
+        alarm.cancel()
+
+
 def drive(lines, events, say):
     try:
         start = json.loads(next(lines, "null"))
@@ -448,18 +454,7 @@ def drive(lines, events, say):
         raise Failure("driver", f"cannot begin: {type(e).__name__}: {e}") from None
     try:
         import_ray()
-        alarm = threading.Timer(PATIENCE_SECS, too_late, (say, cluster.address))
-        alarm.daemon = True
-        alarm.start()
-        try:
-            address = cluster.connect()
-            has, alive = nodes_now()
-        except Failure:
-            raise
-        except BaseException as e:
-            raise Failure("no_cluster", why_not(e, cluster.address)) from None
-        finally:
-            alarm.cancel()
+        address, has, alive = connected(cluster, say)
         catch_signals(events)  # Ray has put its own in their place
         driver = Driver(start, events, say)
         driver.nodes = has
@@ -468,12 +463,8 @@ def drive(lines, events, say):
         threading.Thread(target=watch, args=(events,), daemon=True).start()
         while True:
             event, value = events.get()
-            if event == "line":
-                message = json.loads(value)
-                if message["message_type"] == "stop":
-                    break
-                if message["message_type"] == "job":
-                    driver.submit(message)
+            if event == "job":
+                driver.submit(value)
             elif event == "done":
                 driver.done(*value)
             elif event == "nodes":
