@@ -28,9 +28,11 @@ import tempfile
 import threading
 import time
 
-# The version that this was tried with, and the oldest one that knows tokens.
+# The version that this was tried with. Those before 2.52 know no tokens.
 TRIED = "2.60.0"
-OLDEST = (2, 52)
+
+# What puts it where this Python finds it.
+PIP = f'{sys.executable} -m pip install "ray=={TRIED}"'
 
 # How long a cluster may take to answer, and how often it is asked what it has, seconds.
 PATIENCE_SECS = 60.0
@@ -41,8 +43,8 @@ POLL_SECS = 3.0
 STDERR_KEPT = 4096
 STDOUT_KEPT = 4 << 20
 
-# The object store of a cluster on this machine, bytes: results are passed on without it, only a copy of the program ever lies there.
-SMALLEST_STORE = 100 << 20
+# The smallest object store that Ray takes, bytes, and a bit. Results are passed on without it, only a copy of the program ever lies there.
+STORE = 100 << 20
 
 # Sockets of Ray lie below its folder, and the path of a socket has 107 bytes: Ray itself wants 66 of them.
 LONGEST_FOLDER = 107 - 66
@@ -91,29 +93,20 @@ def program_here(program, sha256, shipped):
                 os.mkdir(folder, 0o700)
             found = os.lstat(folder)
             if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.geteuid() or found.st_mode & 0o077:
-                refused.append(f"{folder} is not a folder that only user {os.geteuid()} can use; remove it")
-                continue
+                raise OSError(f"{folder} is not a folder that only user {os.geteuid()} can use; remove it")
             if is_program(path, sha256):
                 return path
             if shipped is None:
                 return None
-            code = ray.get(shipped[0])
-            if hashlib.sha256(code).hexdigest() != sha256:
-                raise RuntimeError("the program that came to this node is not the one that was sent")
-            handle, part = tempfile.mkstemp(dir=folder)
-            try:
-                with os.fdopen(handle, "wb") as file:
-                    file.write(code)
-                    os.fchmod(file.fileno(), 0o700)
-                os.replace(part, path)
-            except BaseException:
-                os.unlink(part)
-                raise
+            with tempfile.NamedTemporaryFile(dir=folder, delete=False) as file:
+                file.write(ray.get(shipped[0]))
+                os.fchmod(file.fileno(), 0o700)
+            os.replace(file.name, path)
             if is_program(path, sha256):
                 return path
-            refused.append(f"{path} cannot be run")
+            raise OSError(f"{path} cannot be run, or did not arrive whole")
         except OSError as e:
-            refused.append(f"{place}: {e}")
+            refused.append(str(e))
     raise RuntimeError(f"{program} is not on {socket.gethostname()}, and there is no place for it: {'; '.join(refused)}")
 
 
@@ -136,7 +129,7 @@ def end_of(file, most):
 
 
 def result_in(said):
-    """The last line that is a result, or None."""
+    """The last line that is a result."""
     for line in reversed(said.split(b"\n")):
         with contextlib.suppress(ValueError, AttributeError):
             if (message := json.loads(line)).get("message_type") == "result":
@@ -189,11 +182,7 @@ def run_take(program, sha256, shipped, line, timeout):
 
 
 class Failure(Exception):
-    """Why nothing can be run: `kind` is for the program, the text for people."""
-
-    def __init__(self, kind, text):
-        super().__init__(text)
-        self.kind = kind
+    """Why nothing can be run: a word for the program, and a text for people."""
 
 
 class Cluster:
@@ -202,8 +191,7 @@ class Cluster:
     def __init__(self, start):
         self.address = start.get("address")
         self.folder = None
-        self.cpus = start.get("cpus")
-        self.store = max(SMALLEST_STORE, 2 * os.path.getsize(start["program"]))
+        self.cpus, self.store = start.get("cpus"), max(STORE, 2 * os.path.getsize(start["program"]))
         if self.address is None:
             for name in ("RAY_ADDRESS", "RAY_AUTH_TOKEN_PATH", "RAY_REDIS_ADDRESS", "RAY_TMPDIR"):
                 os.environ.pop(name, None)
@@ -224,11 +212,11 @@ class Cluster:
             ray.init(address="local", _node_ip_address="127.0.0.1", **own, **quiet)
             here = ray.get_runtime_context().gcs_address
             if not here.startswith("127."):
-                raise Failure("driver", f"Ray listens on {here}, and should on 127.0.0.1 only; install the version that this was tried with: {pip_line()}")
+                raise Failure("driver", f"Ray {ray.__version__} listens on {here} and not on 127.0.0.1 only; expected Ray {TRIED}: {PIP}")
             return here
         host, _, port = self.address.removeprefix("ray://").rpartition(":")
         if self.address != "auto":
-            if not host or not port.isdigit():
+            if not (host and port.isdigit()):
                 raise Failure("no_cluster", f"{self.address!r} is no address of a Ray cluster; expected auto, host:port or ray://host:port")
             try:
                 socket.create_connection((host.strip("[]"), int(port)), CONNECT_SECS).close()
@@ -262,9 +250,7 @@ def own_folder(temp):
 
 def guarded(folder):
     """Ends what Ray has started when this process is gone, however it ended: some of it would stay for a minute. Has to come before any thread."""
-    group = os.getpgrp()
-    if group != os.getpid():
-        return None
+    group = os.getpgrp()  # that of this process, see `main`
     end, ours = os.pipe()
     if os.fork():
         os.close(end)
@@ -284,10 +270,6 @@ def guarded(folder):
     os._exit(0)
 
 
-def pip_line():
-    return f'{sys.executable} -m pip install "ray=={TRIED}"'
-
-
 def rounded_up(size):
     """Ray plans tasks of the same needs together, so needs are rounded: up, by at most a quarter, to one of a few dozen values."""
     step = 1 << max(size.bit_length() - 3, 20)
@@ -299,8 +281,7 @@ class Driver:
 
     def __init__(self, start, events, say):
         self.program, self.sha256 = start["program"], start["program_sha256"]
-        # opened now, so that it can be sent even if another version is installed in the meantime
-        self.file = open(self.program, "rb")  # noqa: SIM115
+        self.file = open(self.program, "rb")  # now, so that it can be sent even if another version takes its place in the meantime
         self.events, self.say = events, say
         self.shipped = None
         self.running = {}  # id -> (message, reference, what it wants, when it was handed in)
@@ -322,9 +303,8 @@ class Driver:
         number, wanted = message["id"], self.wants(message)
         line = (json.dumps(message["job"]) + "\n").encode()
         try:
-            reference = self.task.options(num_cpus=wanted[0], memory=wanted[1] or None).remote(
-                self.program, self.sha256, self.shipped, line, message.get("timeout_secs")
-            )
+            task = self.task.options(num_cpus=wanted[0], memory=wanted[1] or None)
+            reference = task.remote(self.program, self.sha256, self.shipped, line, message.get("timeout_secs"))
             self.running[number] = (message, reference, wanted, time.monotonic())
             reference.future().add_done_callback(lambda future: self.events.put(("done", (number, reference, future))))
         except Exception as e:  # the connection is gone, for example
@@ -332,24 +312,21 @@ class Driver:
             self.lost(number, e)
 
     def done(self, number, reference, future):
-        message, current, _, _ = self.running.get(number, (None, None, None, None))
-        if message is None or current is not reference:  # handed in again in the meantime
+        message, current, *_ = self.running.get(number, (None, None))
+        if current is not reference:  # handed in again in the meantime
             return
-        error = future.exception()
-        if error is not None:
+        if (error := future.exception()) is not None:
             self.lost(number, error)
             return
-        ended = future.result()
-        if ended is not None:
+        if (ended := future.result()) is not None:
             del self.running[number]
             self.say(message_type="ended", id=number, **ended)
             return
         try:
             self.ship()
-        except (OSError, Failure, ray.exceptions.RayError) as e:
-            self.lost(number, e)
-        else:
             self.submit(message)
+        except (OSError, ray.exceptions.RayError) as e:
+            self.lost(number, e)
 
     def ship(self):
         """The program for nodes that do not have it; all further tasks can take it from the object store."""
@@ -357,7 +334,7 @@ class Driver:
             self.file.seek(0)
             code = self.file.read()
             if hashlib.sha256(code).hexdigest() != self.sha256:
-                raise Failure("driver", f"{self.program} has changed since it was started, and cannot be sent to other nodes")
+                raise OSError(f"{self.program} has changed since it was started, and cannot be sent to other nodes")
             self.shipped = [ray.put(code)]
 
     def lost(self, number, error):
@@ -406,11 +383,10 @@ def import_ray():
     global ray
     try:
         import ray
-        import ray.exceptions
     except ImportError as e:
-        raise Failure("no_ray", f"{sys.executable} has no Ray: {e}; expected Ray {TRIED}: {pip_line()}") from None
-    if tuple(int(part) for part in ray.__version__.split(".")[:2]) < OLDEST:
-        raise Failure("no_ray", f"{sys.executable} has Ray {ray.__version__}, which knows no tokens; expected Ray {TRIED}: {pip_line()}")
+        raise Failure("no_ray", f"{sys.executable} has no Ray: {e}; expected Ray {TRIED}: {PIP}") from None
+    if tuple(int(part) for part in ray.__version__.split(".")[:2]) < (2, 52):
+        raise Failure("no_ray", f"{sys.executable} has Ray {ray.__version__}, which knows no tokens; expected Ray {TRIED}: {PIP}")
 
 
 def why_not(error, address):
@@ -431,7 +407,6 @@ def connected(cluster, say):
         os._exit(1)
 
     alarm = threading.Timer(PATIENCE_SECS, too_late)
-    alarm.daemon = True
     alarm.start()
     try:
         return (cluster.connect(), *nodes_now())
@@ -496,9 +471,8 @@ def main():
     out = os.fdopen(os.dup(1), "w", encoding="utf-8")
     lines = iter(os.fdopen(os.dup(0), "r", encoding="utf-8"))
     os.dup2(2, 1)
-    nothing = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(nothing, 0)
-    os.close(nothing)
+    with open(os.devnull, "rb") as nothing:
+        os.dup2(nothing.fileno(), 0)
     if os.getpgrp() != os.getpid():
         os.setsid()  # out of reach of the terminal's Ctrl-C, with all that Ray starts
 
@@ -510,15 +484,13 @@ def main():
     catch_signals(events)
     try:
         drive(lines, events, say)
-    except Failure as e:
-        say(message_type="error", kind=e.kind, text=str(e))
-        return 1
+        return 0
     except BrokenPipeError:  # whoever listened is gone
         return 1
     except Exception as e:
-        say(message_type="error", kind="driver", text=f"{type(e).__name__}: {e}"[:2000])
+        kind, text = e.args if isinstance(e, Failure) else ("driver", f"{type(e).__name__}: {e}"[:2000])
+        say(message_type="error", kind=kind, text=text)
         return 1
-    return 0
 
 
 if __name__ == "__main__":
