@@ -34,10 +34,8 @@ TRIED = "2.60.0"
 # What puts it where this Python finds it.
 PIP = f'{sys.executable} -m pip install "ray=={TRIED}"'
 
-# How long a cluster may take to answer, and how often it is asked what it has, seconds.
-PATIENCE_SECS = 60.0
-CONNECT_SECS = 10.0
-POLL_SECS = 3.0
+# How long a cluster may take to answer, and to be there at all; how often it is asked what it has, seconds.
+PATIENCE_SECS, CONNECT_SECS, POLL_SECS = 60.0, 10.0, 3.0
 
 # How much of the end of standard error is kept, and how much of that of standard output is searched for the result, bytes.
 STDERR_KEPT = 4096
@@ -123,7 +121,6 @@ def tied():
 
 
 def end_of(file, most):
-    """The last bytes of a file that another process has written."""
     file.seek(max(0, file.seek(0, os.SEEK_END) - most))
     return file.read()
 
@@ -146,7 +143,7 @@ def run_take(program, sha256, shipped, line, timeout):
     # secrets of the cluster are not for the program
     environment = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        # no preexec_fn: it would run Python, and what gRPC does at a fork, in a copy of a process with many threads
+        # no preexec_fn: that would run Python, and what gRPC does at a fork, in the copy of a process with many threads
         child = subprocess.Popen([*tied(), path, "batch", "take"], stdin=subprocess.PIPE, stdout=out, stderr=err, env=environment)
         late = threading.Event()
         clock = threading.Timer(timeout or 0, lambda: (late.set(), child.kill()))
@@ -214,8 +211,8 @@ class Cluster:
             if not here.startswith("127."):
                 raise Failure("driver", f"Ray {ray.__version__} listens on {here} and not on 127.0.0.1 only; expected Ray {TRIED}: {PIP}")
             return here
-        host, _, port = self.address.removeprefix("ray://").rpartition(":")
         if self.address != "auto":
+            host, _, port = self.address.removeprefix("ray://").rpartition(":")
             if not (host and port.isdigit()):
                 raise Failure("no_cluster", f"{self.address!r} is no address of a Ray cluster; expected auto, host:port or ray://host:port")
             try:
@@ -226,15 +223,16 @@ class Cluster:
         return self.address if self.address != "auto" else ray.get_runtime_context().gcs_address
 
     def close(self):
-        with contextlib.suppress(Exception):
+        with contextlib.suppress(Exception):  # there may be no Ray
             ray.shutdown()
         if self.folder is not None:
             shutil.rmtree(self.folder, ignore_errors=True)
+            os.write(self.guard, b".")
 
 
 def is_loopback(address):
-    if address == "auto":
-        with contextlib.suppress(OSError), open(os.path.join(os.environ.get("RAY_TMPDIR", "/tmp"), "ray", "ray_current_cluster"), encoding="utf-8") as file:
+    if address == "auto":  # what Ray takes is written down here
+        with contextlib.suppress(OSError), open(f"{os.environ.get('RAY_TMPDIR', '/tmp')}/ray/ray_current_cluster", encoding="utf-8") as file:
             address = file.read()
     return address.removeprefix("ray://").rpartition(":")[0] in ("127.0.0.1", "localhost", "[::1]")
 
@@ -260,13 +258,14 @@ def guarded(folder):
         signal.signal(number, signal.SIG_IGN)
     os.dup2(end, 0)
     os.closerange(1, 1024)
-    os.read(0, 1)
+    orderly = False
+    while os.read(0, 1):
+        orderly = True
     with contextlib.suppress(ProcessLookupError):
         os.killpg(group, signal.SIGKILL)
-    for _ in range(10):  # workers, which are on their own, see a little later that Ray is gone
-        if os.path.exists(folder):
-            shutil.rmtree(folder, ignore_errors=True)
-            time.sleep(1)
+    for _ in range(3 if orderly else 60):  # workers, which are on their own, see later that Ray is gone, and write about it
+        shutil.rmtree(folder, ignore_errors=True)
+        time.sleep(1)
     os._exit(0)
 
 
@@ -382,7 +381,7 @@ def listen(lines, events):
 def import_ray():
     global ray
     try:
-        import ray
+        import ray  # not before the environment is as it should be
     except ImportError as e:
         raise Failure("no_ray", f"{sys.executable} has no Ray: {e}; expected Ray {TRIED}: {PIP}") from None
     if tuple(int(part) for part in ray.__version__.split(".")[:2]) < (2, 52):
