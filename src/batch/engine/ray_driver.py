@@ -341,7 +341,7 @@ class Driver:
         *_, since = self.running.pop(number)
         ended = "memory" if isinstance(error, ray.exceptions.OutOfMemoryError) else "lost"
         cause = getattr(error, "cause", None) or error
-        text, elapsed = f"{type(cause).__name__}: {cause}"[:STDERR_KEPT], round(time.monotonic() - since, 6)
+        text, elapsed = " ".join(f"{type(cause).__name__}: {cause}".split())[:1000], round(time.monotonic() - since, 6)
         self.say(message_type="ended", id=number, ended=ended, code=None, signal=None, result=None, stderr=text, elapsed_secs=elapsed, node=None)
 
     def seen(self, nodes):
