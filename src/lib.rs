@@ -16,8 +16,10 @@
 //! - [`staging`], [`verify`]: files appear whole or not at all, and only after they were proven
 //! - [`demo`]: a synthetic take to try it on
 //! - [`typeset`]: how wide and in which colours text is set
+//! - [`batch`]: many takes, planned, repaired and accounted for
 //! - [`cli`]: what was typed
 
+pub mod batch;
 pub mod bones;
 pub mod cli;
 mod compression;
