@@ -4,7 +4,6 @@
 //! It is put in place before the outputs are: a run that ends in between leaves a sidecar whose hashes fit nothing, and the take is done again.
 
 use crate::report::Report;
-use formats::{Role, Take};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -177,18 +176,17 @@ impl Summary {
 
 impl MarkerSummary {
     /// One for every marker of a take, from what its repair reports.
-    pub fn all(take: &Take, report: &Report) -> Vec<Self> {
-        let mut all: Vec<Self> =
-            (0..take.markers.len()).map(|column| Self { label: take.display_label(column), ..Self::default() }).collect();
+    pub fn all(report: &Report) -> Vec<Self> {
+        let mut all: Vec<Self> = report.labels.iter().map(|(_, label)| Self { label: label.clone(), ..Self::default() }).collect();
         for gap in &report.gaps {
-            let Some(marker) = all.get_mut(gap.column) else { continue };
+            let Ok(at) = report.labels.binary_search_by_key(&gap.column, |(column, _)| *column) else { continue };
+            let Some(marker) = all.get_mut(at) else { continue };
             marker.missing += gap.frames as u64;
             marker.gaps += 1;
             marker.longest = marker.longest.max(gap.frames);
             marker.filled += if gap.open.is_none() { gap.frames as u64 } else { 0 };
             marker.worst_sigma_mm = [marker.worst_sigma_mm, gap.worst_sigma_mm].into_iter().flatten().reduce(f64::max);
         }
-        let roles = take.markers.iter().map(|marker| marker.role);
-        all.into_iter().zip(roles).filter(|(_, role)| *role == Role::Marker).map(|(marker, _)| marker).collect()
+        all
     }
 }

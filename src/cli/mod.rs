@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)] // this is where output belongs
 
 mod args;
+mod batch;
 mod config;
 mod fit;
 mod man;
@@ -24,6 +25,7 @@ use crate::solve::{Method, Observer};
 use crate::track::{Report as TrackReport, track as track_clouds};
 use crate::typeset::{Style, Tone, settle_colours};
 use args::{BonesArg, ConvertArgs, DemoKind, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
+use batch::BatchCommand;
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
 use clap_complete::Shell;
 use fit::SolveArgs;
@@ -100,6 +102,9 @@ enum Command {
     /// Find the motion of a body with a skeleton from the labelled markers that it wears, and write it as BVH
     #[command(after_help = fit::AFTER_HELP)]
     Solve(Box<SolveArgs>),
+    /// Many takes: plan them, repair them, account for each
+    #[command(subcommand)]
+    Batch(batch::BatchCommand),
     /// Take the layout for Foxglove or Lichtblick out of a log
     Layout(LayoutArgs),
     /// Make the report to look at from the log of a repair: one HTML file for any browser
@@ -179,6 +184,7 @@ fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
             run_track(&args, interrupt)
         }
         Some(Command::Solve(args)) => run_solve(&args),
+        Some(Command::Batch(command)) => run_batch(&command, interrupt, heed),
         Some(Command::Layout(args)) => written(log::extract_layout(&args.log, &args.output, args.force)),
         Some(Command::Report(args)) => written(page::report_of_log(&args.log, &args.output, args.force)),
         Some(Command::Demo { output, kind, frames, rate, seed, force }) => {
@@ -206,6 +212,24 @@ fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
             run_repair(&cli.repair, &command, &matches, interrupt)
         }
     }
+}
+
+fn run_batch(command: &BatchCommand, interrupt: &AtomicBool, heed: fn()) -> u8 {
+    let done = match command {
+        BatchCommand::Take => return batch::run_take(),
+        BatchCommand::Plan(args) => batch::run_plan(args).map(|(code, text)| {
+            print(&text);
+            code
+        }),
+        BatchCommand::Run(args) => {
+            heed();
+            batch::run_batch(args, interrupt)
+        }
+    };
+    done.unwrap_or_else(|(text, code)| {
+        fail(&text, false);
+        code
+    })
 }
 
 /// The script for a shell.

@@ -216,9 +216,15 @@ impl Bucket {
         }
     }
 
-    pub(super) fn exists(&self, place: &str, name: &str) -> Result<bool, StoreError> {
+    pub(super) fn entry(&self, place: &str, name: &str) -> Result<Option<Entry>, StoreError> {
         let (shown, location) = self.locate(place, name)?;
-        self.head(&shown, &location)
+        match self.runtime.block_on(self.store.head(&location)) {
+            Ok(found) => {
+                let modified = Some(SystemTime::from(found.last_modified));
+                Ok(Some(Entry { name: name.to_owned(), bytes: found.size, modified, version: found.e_tag }))
+            }
+            Err(error) => self.unless_not_there(&shown, "looked for", &error).map(|()| None),
+        }
     }
 
     pub(super) fn remove(&self, place: &str, name: &str) -> Result<(), StoreError> {

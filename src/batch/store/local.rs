@@ -270,11 +270,14 @@ pub(super) fn remove(folder: &Path, name: &str) -> Result<(), StoreError> {
     }
 }
 
-pub(super) fn exists(folder: &Path, name: &str) -> Result<bool, StoreError> {
+pub(super) fn entry(folder: &Path, name: &str) -> Result<Option<Entry>, StoreError> {
     let path = path(folder, name);
     match fs::metadata(&path) {
-        Ok(data) => Ok(data.is_file()),
-        Err(error) if is_not_there(&error) => Ok(false),
+        Ok(data) if data.is_file() => {
+            Ok(Some(Entry { name: name.to_owned(), bytes: data.len(), modified: data.modified().ok(), version: None }))
+        }
+        Ok(_) => Ok(None),
+        Err(error) if is_not_there(&error) => Ok(None),
         Err(error) => Err(StoreError::io(shown(&path), "looked at", &error)),
     }
 }

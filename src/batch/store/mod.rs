@@ -252,13 +252,22 @@ impl Place {
         each!(self, remove(name))
     }
 
+    /// What [`list`](Self::list) would tell of one file. None if it is not there.
+    ///
+    /// # Errors
+    /// It cannot be told.
+    pub fn entry(&self, name: &str) -> Result<Option<Entry>, StoreError> {
+        self.check(name)?;
+        each!(self, entry(name))
+    }
+
     /// True if there is a file of that name.
     ///
     /// # Errors
     /// It cannot be told.
     pub fn exists(&self, name: &str) -> Result<bool, StoreError> {
         self.check(name)?;
-        each!(self, exists(name))
+        self.entry(name).map(|entry| entry.is_some())
     }
 
     /// Makes sure that files can be written here, found again, not created twice, and removed, by doing so with one of a hidden name.
