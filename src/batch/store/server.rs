@@ -94,6 +94,11 @@ pub(super) fn say(place: &str, server: Server, done: &str, error: &Error) -> Sto
     let transport = transport(error);
     let kind = kind(error, &text, &answer, transport.is_some());
     let found = match (&answer, transport) {
+        _ if is_of_credentials(&text) => {
+            let status = answer.status.map(|status| format!("it says {status}"));
+            let from = origin(&text).unwrap_or_else(|| "the machine".to_owned());
+            format!("no credentials are set, and {from} gives none: {}", status.unwrap_or_else(|| innermost(error)))
+        }
         (Answer { status: Some(status), code, message }, _) => {
             let words: Vec<&str> = [code.as_deref(), message.as_deref()].into_iter().flatten().collect();
             format!("the server says {status} {}", words.join(": ")).trim_end().to_owned()
@@ -124,17 +129,21 @@ fn kind(error: &Error, text: &str, answer: &Answer, no_answer: bool) -> Kind {
         _ => {}
     }
     match (error, answer.status) {
+        _ if is_of_credentials(text) => Kind::Denied,
         (Error::NotFound { .. }, _) | (_, Some(404)) => Kind::NotFound,
         (Error::PermissionDenied { .. } | Error::Unauthenticated { .. }, _) | (_, Some(401 | 403 | 407)) => Kind::Denied,
         (Error::NotSupported { .. } | Error::NotImplemented { .. } | Error::InvalidPath { .. }, _) | (_, Some(501)) => Kind::Unsupported,
         (_, Some(507)) => Kind::Full,
         (Error::AlreadyExists { .. } | Error::Precondition { .. }, _) | (_, Some(408 | 409 | 412 | 429 | 500..)) => Kind::Again,
         _ if is_untrusted(text) || is_plain_http(text) || is_elsewhere(text, answer) => Kind::Unsupported,
-        // what gives credentials to machines that have a role cannot be reached
-        _ if ["169.254.", "metadata.google", "oauth", "login.microsoftonline"].iter().any(|word| text.contains(word)) => Kind::Denied,
         _ if no_answer => Kind::Again,
         _ => Kind::Other,
     }
+}
+
+/// True if what gives credentials to machines that have a role was asked.
+fn is_of_credentials(text: &str) -> bool {
+    ["//169.254.", "//metadata.google", "//metadata/", "oauth2", "login.microsoftonline"].iter().any(|word| text.contains(word))
 }
 
 fn is_plain_http(text: &str) -> bool {
@@ -234,6 +243,9 @@ mod tests {
             let said = say("s3://b/x", Server::Amazon, "read", &generic(text));
             assert_eq!((said.kind, said.problem.as_str()), (kind, problem));
         }
+        let asked = "Error performing PUT http://169.254.169.254/latest/api/token in 9s - HTTP error: error sending request";
+        let said = say("s3://b/x", Server::Amazon, "read", &generic(asked));
+        assert!(said.kind == Kind::Denied && said.problem.contains("and http://169.254.169.254 gives none"), "{said}");
         let said = say("s3://b/x", Server::Amazon, "read", &generic("non-2xx status code: 403 Forbidden: <Code>AccessDenied</Code>"));
         assert!(said.kind == Kind::Denied && said.problem.contains("AWS_ACCESS_KEY_ID"), "{said}");
     }
