@@ -6,7 +6,7 @@
 //! One thread of the runtime moves the bytes; whoever calls waits. What is handed over while listing or reading is handed over outside of
 //! the runtime, so that it may call the place again.
 
-use super::server::{Server, say};
+use super::server::{Server, is_without_bucket, say, say_of_settings};
 use super::{Entry, Kind, Mode, StoreError, is_unfinished, join, local};
 use futures_util::StreamExt;
 use object_store::aws::{AmazonS3Builder, AmazonS3ConfigKey, S3CopyIfNotExists};
@@ -90,7 +90,7 @@ impl Bucket {
                 builder.build().map(|store| Arc::new(store) as _)
             }
         };
-        let store = store.map_err(|error| say(shown, server, "used", &error))?;
+        let store = store.map_err(|error| say_of_settings(shown, server, &error))?;
         let runtime = Builder::new_multi_thread().worker_threads(1).thread_name("buckets").enable_all().build();
         let runtime = runtime.map_err(|error| StoreError::io(shown, "used", &error))?;
         Self::within(shown, prefix)?;
@@ -165,7 +165,7 @@ impl Bucket {
     /// Fine if an object is not there, but not if that is because there is no such bucket.
     fn unless_not_there(&self, shown: &str, done: &str, error: &object_store::Error) -> Result<(), StoreError> {
         let said = say(shown, self.server, done, error);
-        if said.kind == Kind::NotFound && !super::server::is_without_bucket(error) { Ok(()) } else { Err(said) }
+        if said.kind == Kind::NotFound && !is_without_bucket(error) { Ok(()) } else { Err(said) }
     }
 
     fn drain(&self, shown: &str, object: GetResult, each: &mut dyn FnMut(&[u8]) -> Result<(), StoreError>) -> Result<(), StoreError> {
