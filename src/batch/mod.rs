@@ -14,12 +14,16 @@ pub mod memory;
 pub mod naming;
 pub mod plan;
 pub mod planning;
+pub mod progress;
 pub mod run;
 pub mod session;
 pub mod sidecar;
 pub mod sources;
+pub mod status;
 pub mod store;
 pub mod take;
+pub mod told;
+pub mod watch;
 
 use crate::repair::RepairError;
 use std::path::Path;

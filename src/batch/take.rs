@@ -113,7 +113,11 @@ pub fn run(job: &Job, request_of: &RequestOf<'_>, watch: &mut dyn Observer) -> T
             key = Some(sidecar.key);
             (Verdict::Skipped, None, Some(sidecar.exit_code), Some(sidecar.summary))
         }
-        Err((verdict, reason)) => (verdict, Some(reason), None, None),
+        // the record says which take it is about
+        Err((verdict, reason)) => {
+            let prefix = format!("{}: ", job.take.source);
+            (verdict, Some(reason.strip_prefix(&prefix).map_or(reason.clone(), str::to_owned)), None, None)
+        }
     };
     TakeResult { outcome, reason, exit_code, key, peak_bytes: peak_bytes(), summary }
 }

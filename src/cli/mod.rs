@@ -25,7 +25,6 @@ use crate::solve::{Method, Observer};
 use crate::track::{Report as TrackReport, track as track_clouds};
 use crate::typeset::{Style, Tone, settle_colours};
 use args::{BonesArg, ConvertArgs, DemoKind, LayoutArgs, RepairArgs, ReportArgs, StatedArgs, rate};
-use batch::BatchCommand;
 use clap::{ArgMatches, CommandFactory, FromArgMatches, Parser, Subcommand, error::ErrorKind};
 use clap_complete::Shell;
 use fit::SolveArgs;
@@ -184,7 +183,7 @@ fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
             run_track(&args, interrupt)
         }
         Some(Command::Solve(args)) => run_solve(&args),
-        Some(Command::Batch(command)) => run_batch(&command, interrupt, heed),
+        Some(Command::Batch(command)) => batch::command(&command, interrupt, heed),
         Some(Command::Layout(args)) => written(log::extract_layout(&args.log, &args.output, args.force)),
         Some(Command::Report(args)) => written(page::report_of_log(&args.log, &args.output, args.force)),
         Some(Command::Demo { output, kind, frames, rate, seed, force }) => {
@@ -212,24 +211,6 @@ fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
             run_repair(&cli.repair, &command, &matches, interrupt)
         }
     }
-}
-
-fn run_batch(command: &BatchCommand, interrupt: &AtomicBool, heed: fn()) -> u8 {
-    let done = match command {
-        BatchCommand::Take => return batch::run_take(),
-        BatchCommand::Plan(args) => batch::run_plan(args).map(|(code, text)| {
-            print(&text);
-            code
-        }),
-        BatchCommand::Run(args) => {
-            heed();
-            batch::run_batch(args, interrupt)
-        }
-    };
-    done.unwrap_or_else(|(text, code)| {
-        fail(&text, false);
-        code
-    })
 }
 
 /// The script for a shell.

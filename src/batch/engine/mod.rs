@@ -3,6 +3,7 @@
 //! [`Engine::run`] blocks; as many threads call it at once as the engine has slots.
 
 pub mod local;
+pub mod ray;
 
 use super::BatchError;
 use super::job::{Job, TakeResult};
