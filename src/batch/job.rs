@@ -83,6 +83,13 @@ pub enum Verdict {
     Failed,
 }
 
+impl TakeResult {
+    /// Nothing came of it.
+    pub fn refused(outcome: Verdict, reason: String) -> Self {
+        Self { outcome, reason: Some(reason), exit_code: None, key: None, peak_bytes: None, summary: None }
+    }
+}
+
 impl Verdict {
     /// The exit code of the process.
     pub fn exit_code(self, of_output: Option<u8>) -> u8 {

@@ -27,6 +27,22 @@ pub fn available() -> u64 {
     system.available_memory().min(group) / 5 * 4
 }
 
+/// What this process takes at the moment, as far as the system says it.
+pub fn taken() -> Option<u64> {
+    of_self("VmRSS:")
+}
+
+/// The most that this process has taken.
+pub fn most_taken() -> Option<u64> {
+    of_self("VmHWM:")
+}
+
+fn of_self(what: &str) -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|line| line.strip_prefix(what))?;
+    line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib * 1024)
+}
+
 /// Reads sizes such as `8G`, `500M` or plain bytes.
 ///
 /// # Errors

@@ -316,7 +316,8 @@ impl<'b> Worker<'_, 'b> {
                 }
                 Judged::Again { memory, reason } => {
                     let interrupted = self.interrupt.load(Ordering::Relaxed);
-                    if record.tries.len() <= RETRIES && !interrupted {
+                    // one that had all the memory there is will want more than that again
+                    if record.tries.len() <= RETRIES && !interrupted && !(memory && alone) {
                         alone |= memory;
                         self.watcher.started(self.slot, take, record.tries.len());
                         if attempt.ended == How::Exit {

@@ -37,6 +37,9 @@ pub struct Sidecar {
     pub markers: Vec<MarkerSummary>,
     /// What was assumed, odd or lost.
     pub notes: Vec<NoteSaid>,
+    /// SHA-256 of the sidecar without this: one that was damaged is none.
+    #[serde(default)]
+    pub sidecar_sha256: String,
 }
 
 /// A file that was read.
@@ -137,14 +140,19 @@ pub fn key(input_sha256: &str, config_sha256: &str, version: &str) -> String {
 }
 
 impl Sidecar {
-    /// As it is written: one line.
+    /// As it is written: one line, with its own hash.
     pub fn text(&self) -> String {
-        crate::report::lines(std::slice::from_ref(self))
+        crate::report::lines(&[Self { sidecar_sha256: self.own_sha256(), ..self.clone() }])
     }
 
     /// Reads what [`Self::text`] wrote; `None` if it is anything else.
     pub fn parse(bytes: &[u8]) -> Option<Self> {
-        serde_json::from_slice(bytes).ok()
+        serde_json::from_slice(bytes).ok().filter(|read: &Self| read.own_sha256() == read.sidecar_sha256)
+    }
+
+    fn own_sha256(&self) -> String {
+        let bare = crate::report::lines(&[Self { sidecar_sha256: String::new(), ..self.clone() }]);
+        crate::input::hex(&Sha256::digest(bare))
     }
 }
 

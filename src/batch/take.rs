@@ -4,6 +4,7 @@
 //! Whatever happens in between, a take counts as done only if its sidecar's hashes fit what lies there.
 
 use super::job::{Job, TakeResult, Verdict};
+use super::memory;
 use super::naming::beside;
 use super::plan::{PlannedTake, Wanted};
 use super::sidecar::{self, InputFile, MarkerSummary, NoteSaid, OutputFile, Sidecar, Summary};
@@ -119,7 +120,7 @@ pub fn run(job: &Job, request_of: &RequestOf<'_>, watch: &mut dyn Observer) -> T
             (verdict, Some(reason.strip_prefix(&prefix).map_or(reason.clone(), str::to_owned)), None, None)
         }
     };
-    TakeResult { outcome, reason, exit_code, key, peak_bytes: peak_bytes(), summary }
+    TakeResult { outcome, reason, exit_code, key, peak_bytes: memory::most_taken(), summary }
 }
 
 enum Made {
@@ -140,7 +141,9 @@ fn make(job: &Job, request_of: &RequestOf<'_>, watch: &mut dyn Observer, key: &m
         Check::ToDo => {}
     }
     let before = read_sidecar(&out, &take.output).map_err(|e| of_store(&e))?;
-    if before.is_none() && !job.force && out.exists(&take.output).map_err(|e| of_store(&e))? {
+    // one that is damaged still says that what lies there comes from a batch
+    let ours = before.is_some() || out.exists(&beside(&take.output, sidecar::EXTENSION)).map_err(|e| of_store(&e))?;
+    if !ours && !job.force && out.exists(&take.output).map_err(|e| of_store(&e))? {
         let there = format!("{out}/{}", take.output);
         let problem = format!(
             "{there}: exists already and does not come from a batch; move it away, choose another --out, or say --force to replace it"
@@ -186,8 +189,11 @@ fn make(job: &Job, request_of: &RequestOf<'_>, watch: &mut dyn Observer, key: &m
         summary: Summary::new(&report),
         markers: MarkerSummary::all(&report),
         notes: report.notes.iter().map(|n| NoteSaid { kind: n.kind().to_owned(), text: n.to_string(), matters: n.matters() }).collect(),
+        sidecar_sha256: String::new(),
     };
-    place(&out, &take.output, &made, &sidecar, before.as_ref(), job.force)?;
+    // nobody's file is replaced but one of an earlier run
+    let mode = if ours || job.force { Mode::Replace } else { Mode::Create };
+    place(&out, &take.output, &made, &sidecar, before.as_ref(), mode)?;
     Ok(Made::New(sidecar.exit_code, sidecar.summary))
 }
 
@@ -228,7 +234,7 @@ fn accept(report: &Report, take: &PlannedTake) -> Result<(), Refused> {
 }
 
 /// Gives everything its name: the sidecar first, the repaired take last.
-fn place(out: &Place, output: &str, made: &Path, sidecar: &Sidecar, before: Option<&Sidecar>, force: bool) -> Result<(), Refused> {
+fn place(out: &Place, output: &str, made: &Path, sidecar: &Sidecar, before: Option<&Sidecar>, mode: Mode) -> Result<(), Refused> {
     let folder = output.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
     let refused = |e: StoreError| of_store(&e);
     let sidecar_name = beside(output, sidecar::EXTENSION);
@@ -238,8 +244,6 @@ fn place(out: &Place, output: &str, made: &Path, sidecar: &Sidecar, before: Opti
     for file in sidecar.outputs.iter().skip(1) {
         out.put(&format!("{folder}{}", file.name), &made.join(&file.name), Mode::Replace).map_err(refused)?;
     }
-    // nobody's file is replaced but one of an earlier run
-    let mode = if before.is_some() || force { Mode::Replace } else { Mode::Create };
     if !out.put(output, &made.join(file_name(output)), mode).map_err(refused)? {
         let there = out.sha256(output).map_err(refused)?;
         // another run of the same take was quicker
@@ -323,11 +327,4 @@ fn of_repair(error: &RepairError, files: &Files, take: &PlannedTake) -> Refused 
     let text = error.to_string();
     let text = text.replace(&files.input.display().to_string(), &take.source).replace(&files.output.display().to_string(), &take.output);
     (verdict, text)
-}
-
-/// The most memory that this process has taken, as far as the system says it.
-fn peak_bytes() -> Option<u64> {
-    let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
-    line.split_whitespace().next()?.parse::<u64>().ok().map(|kib| kib * 1024)
 }

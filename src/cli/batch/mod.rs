@@ -12,7 +12,7 @@ use crate::batch::BatchError;
 use crate::batch::engine::Engine;
 use crate::batch::engine::local::Local;
 use crate::batch::engine::ray::{Ray, Wish};
-use crate::batch::job::{Job, Said};
+use crate::batch::job::{Job, Said, TakeResult, Verdict};
 use crate::batch::ledger::{self, Begun, Stop};
 use crate::batch::plan::{Header, Plan, Shard, Wanted};
 use crate::batch::planning::{Way, plan};
@@ -333,11 +333,28 @@ pub(super) fn run_take() -> u8 {
         let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
         std::process::exit(75);
     });
+    if let Some(most) = job.memory_bytes {
+        std::thread::spawn(move || stay_below(most));
+    }
     let _ = rayon::ThreadPoolBuilder::new().num_threads(job.threads.max(1)).build_global(); // only ever asked here
     let result = take::run(&job, &request_of, &mut Phases);
     let code = result.outcome.exit_code(result.exit_code);
     super::print(&crate::report::lines(&[Said::Result(result)]));
     code
+}
+
+/// Ends the process when it takes more memory than it may, before the system ends somebody.
+fn stay_below(most: u64) {
+    while let Some(bytes) = memory::taken() {
+        if bytes > most {
+            let reason = format!("took more than {}, which is what it may take; see --memory", told::size(most));
+            let result = TakeResult { peak_bytes: Some(bytes), ..TakeResult::refused(Verdict::OutOfMemory, reason) };
+            let code = result.outcome.exit_code(None);
+            super::print(&crate::report::lines(&[Said::Result(result)]));
+            std::process::exit(code.into());
+        }
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
 }
 
 /// Says what is being done.
