@@ -13,13 +13,11 @@ Each job is one task that runs the program once, as `batch take`. A task is neve
 """
 
 import contextlib
-import fcntl
 import hashlib
 import json
 import os
 import queue
 import secrets
-import selectors
 import shutil
 import signal
 import socket
@@ -39,9 +37,9 @@ PATIENCE_SECS = 60.0
 CONNECT_SECS = 10.0
 POLL_SECS = 3.0
 
-# How much of the end of standard error is kept, and how long a line of standard output may be, bytes.
+# How much of the end of standard error is kept, and how much of that of standard output is searched for the result, bytes.
 STDERR_KEPT = 4096
-LONGEST_LINE = 16 << 20
+STDOUT_KEPT = 4 << 20
 
 # The object store of a cluster on this machine, bytes: results are passed on without it, only a copy of the program ever lies there.
 SMALLEST_STORE = 100 << 20
@@ -131,57 +129,19 @@ def tied():
     return known["tied"]
 
 
-def attend(child, line, timeout):
-    """Gives `line` to the process, and leaves its input open. Returns its result, the end of its standard error, and whether it was late."""
-    began = time.monotonic()
-    said, result, complaint, late = b"", None, b"", False
-    with selectors.DefaultSelector() as wait:
-        for stream, events in ((child.stdin, selectors.EVENT_WRITE), (child.stdout, selectors.EVENT_READ), (child.stderr, selectors.EVENT_READ)):
-            os.set_blocking(stream.fileno(), False)
-            wait.register(stream, events)
-        while True:
-            left = None if timeout is None else began + timeout - time.monotonic()
-            if not late and left is not None and left <= 0:
-                late = True
-                with contextlib.suppress(ProcessLookupError):
-                    os.killpg(child.pid, signal.SIGKILL)
-            over = child.poll() is not None
-            # somebody else may hold the other end of a pipe when the process itself is gone
-            ready = wait.select(0 if over else 1.0 if left is None else min(1.0, max(left, 0.01)))
-            if over and not ready:
-                break
-            for key, _ in ready:
-                if key.fileobj is child.stdin:
-                    try:
-                        line = line[os.write(child.stdin.fileno(), line[:65536]):]
-                    except BlockingIOError:
-                        continue
-                    except OSError:  # it has ended, and how will be seen
-                        line = b""
-                    if not line:
-                        wait.unregister(child.stdin)
-                    continue
-                piece = os.read(key.fd, 65536)
-                if not piece:
-                    wait.unregister(key.fileobj)
-                elif key.fileobj is child.stderr:
-                    complaint = (complaint + piece)[-STDERR_KEPT:]
-                else:
-                    *lines, said = (said + piece).split(b"\n")
-                    result = next((one for one in reversed(lines) if b'"result"' in one), result)
-                    if len(said) > LONGEST_LINE:
-                        said = b""
-            if not wait.get_map() or all(stream.fileobj is child.stdin for stream in wait.get_map().values()):
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    child.wait(None if left is None or late else max(left, 0.01))
-                    break
-    try:
-        result = json.loads(result) if result else None
-    except ValueError:
-        result = None
-    if not isinstance(result, dict) or result.get("message_type") != "result":
-        result = None
-    return result, complaint.decode("utf-8", "replace").strip(), late
+def end_of(file, most):
+    """The last bytes of a file that another process has written."""
+    file.seek(max(0, file.seek(0, os.SEEK_END) - most))
+    return file.read()
+
+
+def result_in(said):
+    """The last line that is a result, or None."""
+    for line in reversed(said.split(b"\n")):
+        with contextlib.suppress(ValueError, AttributeError):
+            if (message := json.loads(line)).get("message_type") == "result":
+                return message
+    return None
 
 
 def run_take(program, sha256, shipped, line, timeout):
@@ -192,23 +152,31 @@ def run_take(program, sha256, shipped, line, timeout):
     began = time.monotonic()
     # secrets of the cluster are not for the program
     environment = {name: value for name, value in os.environ.items() if not name.startswith("RAY_")}
-    child = subprocess.Popen(
-        [*tied(), path, "batch", "take"],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, bufsize=0, env=environment, start_new_session=True,
-    )
-    try:
-        result, complaint, late = attend(child, line, timeout)
-    finally:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(child.pid, signal.SIGKILL)
-        code = child.wait()
-        for stream in (child.stdin, child.stdout, child.stderr):
-            stream.close()
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        # no preexec_fn: it would run Python, and what gRPC does at a fork, in a copy of a process with many threads
+        child = subprocess.Popen([*tied(), path, "batch", "take"], stdin=subprocess.PIPE, stdout=out, stderr=err, env=environment)
+        late = threading.Event()
+        clock = threading.Timer(timeout or 0, lambda: (late.set(), child.kill()))
+        try:
+            if timeout is not None:
+                clock.start()
+            with contextlib.suppress(BrokenPipeError):  # it has ended already, and how will be seen
+                child.stdin.write(line)
+                child.stdin.flush()
+            code = child.wait()
+        finally:
+            clock.cancel()
+            child.kill()
+            with contextlib.suppress(BrokenPipeError):
+                child.stdin.close()
+        complaint = end_of(err, STDERR_KEPT).decode("utf-8", "replace").strip()
+        result = result_in(end_of(out, STDOUT_KEPT))
+    is_late = late.is_set() and code == -signal.SIGKILL
     # a program in Rust ends by a signal if the system gives no memory, and says so
     short = code < 0 and "memory allocation of" in complaint
     return {
-        "ended": "timeout" if late else "memory" if short else "signal" if code < 0 else "exit",
-        "code": code if code >= 0 and not late else None,
+        "ended": "timeout" if is_late else "memory" if short else "signal" if code < 0 else "exit",
+        "code": code if code >= 0 else None,
         "signal": -code if code < 0 else None,
         "result": result,
         "stderr": complaint,
@@ -233,28 +201,27 @@ class Cluster:
 
     def __init__(self, start):
         self.address = start.get("address")
-        self.folder = self.lock = None
+        self.folder = None
         self.cpus = start.get("cpus")
         self.store = max(SMALLEST_STORE, 2 * os.path.getsize(start["program"]))
         if self.address is None:
-            # Anybody on this machine could give tasks to a cluster without a token. This one never touches a disk.
-            token = secrets.token_hex(32)
-            self.folder, self.lock = own_folder(start.get("temp"))
-            # the second one makes Ray take the loopback address for that of this machine, and listen nowhere else
-            os.environ.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=token, RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER="0")
-            os.environ.pop("RAY_AUTH_TOKEN_PATH", None)
-            for name in ("RAY_ADDRESS", "RAY_NODE_IP_ADDRESS", "RAY_REDIS_ADDRESS", "RAY_TMPDIR"):
+            for name in ("RAY_ADDRESS", "RAY_AUTH_TOKEN_PATH", "RAY_REDIS_ADDRESS", "RAY_TMPDIR"):
                 os.environ.pop(name, None)
+            # Anybody on this machine could give tasks to a cluster without a token. This one never touches a disk.
+            os.environ.update(RAY_AUTH_MODE="token", RAY_AUTH_TOKEN=secrets.token_hex(32))
+            self.folder = own_folder(start.get("temp"))
+            self.guard = guarded(self.folder)
+        if self.address is None or is_loopback(self.address):
+            # Ray replaces loopback addresses by that of the network, and then listens everywhere, unless it is told that there is no network
+            os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"
         os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
         os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
 
     def connect(self):
         quiet = {"log_to_driver": False, "logging_level": "ERROR"}
         if self.address is None:
-            ray.init(
-                address="local", num_cpus=self.cpus, include_dashboard=False, object_store_memory=self.store,
-                _temp_dir=os.path.join(self.folder, "r"), _node_ip_address="127.0.0.1", **quiet,
-            )
+            own = {"num_cpus": self.cpus, "include_dashboard": False, "object_store_memory": self.store, "_temp_dir": os.path.join(self.folder, "r")}
+            ray.init(address="local", _node_ip_address="127.0.0.1", **own, **quiet)
             here = ray.get_runtime_context().gcs_address
             if not here.startswith("127."):
                 raise Failure("driver", f"Ray listens on {here}, and should on 127.0.0.1 only; install the version that this was tried with: {pip_line()}")
@@ -277,24 +244,44 @@ class Cluster:
             shutil.rmtree(self.folder, ignore_errors=True)
 
 
+def is_loopback(address):
+    if address == "auto":
+        with contextlib.suppress(OSError), open(os.path.join(os.environ.get("RAY_TMPDIR", "/tmp"), "ray", "ray_current_cluster"), encoding="utf-8") as file:
+            address = file.read()
+    return address.removeprefix("ray://").rpartition(":")[0] in ("127.0.0.1", "localhost", "[::1]")
+
+
 def own_folder(temp):
-    """A folder for a cluster on this machine that only this user can enter, and what marks it as used. Ray opens its own to everybody."""
-    place = temp or tempfile.gettempdir()
-    longest = os.path.join(os.path.realpath(place), "mocap-ray-12345678")
-    if len(os.fsencode(longest)) > LONGEST_FOLDER:
+    """A folder for a cluster on this machine that only this user can enter: Ray opens its own to everybody."""
+    place = os.path.realpath(temp or tempfile.gettempdir())
+    if len(os.fsencode(os.path.join(place, "mocap-ray-12345678"))) > LONGEST_FOLDER:
         print(f"{place} is too long a path for the sockets of Ray; /tmp is used", file=sys.stderr)
         place = "/tmp"
-    for name in os.listdir(place):  # folders of those that were killed
-        left = os.path.join(place, name)
-        if name.startswith("mocap-ray-") and os.path.isdir(left) and os.stat(left).st_uid == os.geteuid():
-            with contextlib.suppress(OSError), open(os.path.join(left, "lock"), "rb") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                shutil.rmtree(left, ignore_errors=True)
-    folder = tempfile.mkdtemp(prefix="mocap-ray-", dir=place)
-    lock = open(os.path.join(folder, "new"), "wb")  # noqa: SIM115 - open as long as this process is there
-    fcntl.flock(lock, fcntl.LOCK_EX)
-    os.rename(os.path.join(folder, "new"), os.path.join(folder, "lock"))
-    return os.path.realpath(folder), lock
+    return tempfile.mkdtemp(prefix="mocap-ray-", dir=place)
+
+
+def guarded(folder):
+    """Ends what Ray has started when this process is gone, however it ended: some of it would stay for a minute. Has to come before any thread."""
+    group = os.getpgrp()
+    if group != os.getpid():
+        return None
+    end, ours = os.pipe()
+    if os.fork():
+        os.close(end)
+        return ours  # open as long as this process is there, and nobody else has it
+    os.setsid()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    os.dup2(end, 0)
+    os.closerange(1, 1024)
+    os.read(0, 1)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(group, signal.SIGKILL)
+    for _ in range(10):  # workers, which are on their own, see a little later that Ray is gone
+        if os.path.exists(folder):
+            shutil.rmtree(folder, ignore_errors=True)
+            time.sleep(1)
+    os._exit(0)
 
 
 def pip_line():
@@ -376,13 +363,10 @@ class Driver:
     def lost(self, number, error):
         """A task that came to no end of its own."""
         *_, since = self.running.pop(number)
-        memory = isinstance(error, ray.exceptions.OutOfMemoryError)
-        cause = getattr(error, "cause", None)
-        text = f"{type(cause or error).__name__}: {cause or error}"
-        self.say(
-            message_type="ended", id=number, ended="memory" if memory else "lost", code=None, signal=None, result=None,
-            stderr=text[:STDERR_KEPT], elapsed_secs=round(time.monotonic() - since, 6), node=None,
-        )
+        ended = "memory" if isinstance(error, ray.exceptions.OutOfMemoryError) else "lost"
+        cause = getattr(error, "cause", None) or error
+        text, elapsed = f"{type(cause).__name__}: {cause}"[:STDERR_KEPT], round(time.monotonic() - since, 6)
+        self.say(message_type="ended", id=number, ended=ended, code=None, signal=None, result=None, stderr=text, elapsed_secs=elapsed, node=None)
 
     def seen(self, nodes):
         """The cluster is as it is now. What waits for a node that is gone is handed in again, for what is left."""
@@ -391,11 +375,6 @@ class Driver:
             if not any(has >= cpus and most >= memory for has, most in nodes):
                 ray.cancel(reference, force=True)
                 self.submit(message)
-
-    def stop(self):
-        for _, reference, *_ in self.running.values():
-            with contextlib.suppress(Exception):
-                ray.cancel(reference, force=True)
 
 
 def nodes_now():
@@ -416,14 +395,11 @@ def watch(events):
 
 
 def listen(lines, events):
-    for line in lines:
-        events.put(("line", line))
+    with contextlib.suppress(ValueError, AttributeError):  # a line that is no message is the end too
+        for line in lines:
+            message = json.loads(line)
+            events.put((message.get("message_type"), message))
     events.put(("stop", None))
-
-
-def too_late(say, address):
-    say(message_type="error", kind="no_cluster", text=f"no Ray cluster at {address or 'this machine'} after {PATIENCE_SECS:.0f} s; is it running, and does it want a token?")
-    os._exit(1)
 
 
 def import_ray():
@@ -439,11 +415,32 @@ def import_ray():
 
 def why_not(error, address):
     """Why there is no connection, with the way out. Ray never tells the token."""
-    text = f"{type(error).__name__}: {' '.join(str(error).split())}"[:2000]
+    text = " ".join(str(error).split())[:1000]
     if address is None:
-        return f"Ray does not start on this machine: {text}"
-    out = "its token goes into RAY_AUTH_TOKEN_PATH (a file) or ~/.ray/auth_token, with RAY_AUTH_MODE=token"
-    return f"no connection to the Ray cluster at {address}: {text}; {out}; Ray here is {ray.__version__} on Python {sys.version.split()[0]}, and has to be the same there"
+        return f"no Ray cluster on this machine: {text}"
+    out = "if it wants a token, set RAY_AUTH_MODE=token and have the token in the file that RAY_AUTH_TOKEN_PATH names, or in ~/.ray/auth_token"
+    versions = f"Ray {ray.__version__} and Python {sys.version.split()[0]} have to be the same there"
+    return f"no connection to the Ray cluster at {address}: {text}; {out}; {versions}"
+
+
+def connected(cluster, say):
+    """The address of the cluster and what it has; ends everything if that takes too long."""
+
+    def too_late():
+        say(message_type="error", kind="no_cluster", text=why_not(f"no answer in {PATIENCE_SECS:.0f} s", cluster.address))
+        os._exit(1)
+
+    alarm = threading.Timer(PATIENCE_SECS, too_late)
+    alarm.daemon = True
+    alarm.start()
+    try:
+        return (cluster.connect(), *nodes_now())
+    except Failure:
+        raise
+    except BaseException as e:
+        raise Failure("no_cluster", why_not(e, cluster.address)) from None
+    finally:
+        alarm.cancel()
 
 
 def drive(lines, events, say):
@@ -451,24 +448,13 @@ def drive(lines, events, say):
         start = json.loads(next(lines, "null"))
         if not isinstance(start, dict) or start.get("message_type") != "start":
             raise Failure("driver", "the first line of standard input is no start message")
-        threading.Thread(target=listen, args=(lines, events), daemon=True).start()
         cluster = Cluster(start)
+        threading.Thread(target=listen, args=(lines, events), daemon=True).start()
     except (ValueError, KeyError, OSError) as e:
         raise Failure("driver", f"cannot begin: {type(e).__name__}: {e}") from None
     try:
         import_ray()
-        alarm = threading.Timer(PATIENCE_SECS, too_late, (say, cluster.address))
-        alarm.daemon = True
-        alarm.start()
-        try:
-            address = cluster.connect()
-            has, alive = nodes_now()
-        except Failure:
-            raise
-        except BaseException as e:
-            raise Failure("no_cluster", why_not(e, cluster.address)) from None
-        finally:
-            alarm.cancel()
+        address, has, alive = connected(cluster, say)
         catch_signals(events)  # Ray has put its own in their place
         driver = Driver(start, events, say)
         driver.nodes = has
@@ -477,12 +463,8 @@ def drive(lines, events, say):
         threading.Thread(target=watch, args=(events,), daemon=True).start()
         while True:
             event, value = events.get()
-            if event == "line":
-                message = json.loads(value)
-                if message["message_type"] == "stop":
-                    break
-                if message["message_type"] == "job":
-                    driver.submit(message)
+            if event == "job":
+                driver.submit(value)
             elif event == "done":
                 driver.done(*value)
             elif event == "nodes":
@@ -499,7 +481,6 @@ def drive(lines, events, say):
             else:
                 break
             del event, value  # or the last result would be kept until the next one
-        driver.stop()
     finally:
         cluster.close()
 
@@ -518,7 +499,7 @@ def main():
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.close(nothing)
-    with contextlib.suppress(OSError):
+    if os.getpgrp() != os.getpid():
         os.setsid()  # out of reach of the terminal's Ctrl-C, with all that Ray starts
 
     def say(**message):
