@@ -45,8 +45,8 @@ pub(super) struct Bucket {
 
 /// How often and how long a request is repeated that a server could not serve.
 fn patience() -> RetryConfig {
-    let backoff = BackoffConfig { init_backoff: Duration::from_millis(200), max_backoff: Duration::from_secs(10), base: 2.0 };
-    RetryConfig { backoff, max_retries: 6, retry_timeout: Duration::from_secs(90) }
+    let backoff = BackoffConfig { init_backoff: Duration::from_millis(300), max_backoff: Duration::from_secs(10), base: 2.0 };
+    RetryConfig { backoff, max_retries: 8, retry_timeout: Duration::from_secs(90) }
 }
 
 /// Settings of connections that the environment does not set.
@@ -114,7 +114,12 @@ impl Bucket {
     /// How a name is shown, and where it is.
     fn locate(&self, place: &str, name: &str) -> Result<(String, Location), StoreError> {
         let shown = join(place, name);
-        let location = Self::within(&shown, &self.join(name).prefix)?;
+        let key = self.join(name).prefix;
+        if self.server == Server::Azure && key.contains('\\') {
+            let problem = "Azure makes slashes of backslashes, so that the name would not come back; rename it".to_owned();
+            return Err(StoreError { place: shown, kind: Kind::Unsupported, problem });
+        }
+        let location = Self::within(&shown, &key)?;
         Ok((shown, location))
     }
 

@@ -172,6 +172,8 @@ impl Place {
     ///
     /// What cannot be listed is told as an error, and the listing goes on if `each` wants it to: a folder that may not be read, a name
     /// that is not Unicode, something that is neither file nor folder, a link to a folder (links to files are files).
+    /// In buckets a single object whose name could not be used here, such as `a//b`, ends the listing with an error that names it.
+    /// Objects by which consoles make folders are left out if something is in them.
     ///
     /// # Errors
     /// What `each` returned; or the place itself cannot be listed. A folder that is not there is an error, a prefix without objects is

@@ -104,6 +104,7 @@ pub(super) fn say(place: &str, server: Server, done: &str, error: &Error) -> Sto
             format!("the server says {status} {}", words.join(": ")).trim_end().to_owned()
         }
         (_, Some(innermost)) => origin(&text).map_or(innermost.clone(), |server| format!("{server}: {innermost}")),
+        _ if matches!(error, Error::InvalidPath { .. }) => format!("it holds an object whose name cannot be used here: {error}"),
         _ => innermost(error),
     };
     let variables = server.variables();
@@ -113,6 +114,9 @@ pub(super) fn say(place: &str, server: Server, done: &str, error: &Error) -> Sto
         Kind::Again => "; it may work later: run the same command again".to_owned(),
         Kind::Full => "; make room, and run the same command again".to_owned(),
         Kind::NotFound => "; is the name right?".to_owned(),
+        _ if matches!(error, Error::InvalidPath { .. }) => {
+            "; rename it (its parts must not be empty, . or .., nor have control characters), or name a prefix without it".to_owned()
+        }
         _ if is_plain_http(&text) => format!("; for a server without encryption, set {variables}ALLOW_HTTP=true"),
         _ if is_untrusted(&text) => format!("; {TRUST}"),
         _ if is_elsewhere(&text, &answer) => "; is the region right? AWS_REGION names it".to_owned(),
