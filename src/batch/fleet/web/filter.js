@@ -31,8 +31,9 @@ function visible(batch) {
   return found.subarray(0, count);
 }
 
+Object.assign(state, { query: "", only: null, folder: null, range: null });
+
 function filters(batch) {
-  Object.assign(state, { query: "", only: null, folder: null, range: null });
   let waiting = 0;
   const search = el("input", { type: "search", className: "search", placeholder: "Name, reason, kind of note …", "aria-label": "Takes with these words", autocomplete: "off", spellcheck: false, oninput: () => {
     clearTimeout(waiting);

@@ -52,7 +52,7 @@ function worst(batch, title, id, about) {
   const rows = order.slice(0, LOOK_ROWS).map((i) => {
     const bar = el("span", { className: "look-bar", "aria-hidden": "true" });
     bar.style.width = `${(100 * numbers[i]) / most}%`;
-    return el("li", {}, el("div", { className: "look-row" }, el("span", { className: "look-name" }, takeName(batch, i)), detailsButton(batch, i), el("span", { className: "look-value" }, text(i), about && el("span", { className: "look-about" }, about(i)))), bar);
+    return el("li", {}, el("div", { className: "look-row" }, takeName(batch, i), detailsButton(batch, i), el("span", { className: "look-value" }, text(i), about && el("span", { className: "look-about" }, about(i)))), bar);
   });
   return el("div", { className: "look-list" }, el("h3", {}, title), el("ol", {}, rows),
     order.length > LOOK_ROWS && el("p", {}, el("button", { type: "button", className: "plain link", onclick: () => showTakes({ sorted: id, down: true }) }, `all ${whole(order.length)}`)));

@@ -6,10 +6,11 @@ const AHEAD = 12;
 const MOST_ROWS = 400_000;
 const PRINTED = 60;
 
+Object.assign(state, { sorted: "take", down: false, details: null });
+
 function takesTable(batch) {
   columnOf(batch, "take");
   const { columns } = batch;
-  Object.assign(state, { sorted: "take", down: false, details: null });
   let order = new Uint32Array(0), rows = new Map(), tops = columns.map(() => 0);
 
   const heads = columns.map((column) =>
