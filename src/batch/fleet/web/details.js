@@ -17,12 +17,12 @@ function details(batch) {
     const notes = batch.notes(i).sort((a, b) => b.matters - a.matters);
     const known = Boolean(c.flags[i] & HAS_NUMBERS);
     const reason = word(takes.reasons, c.reason[i]);
-    dialog.replaceChildren(
+    dialog.replaceChildren(el("div", {},
       el("div", { className: "details-head" },
         el("div", {}, el("h2", { id: "details-title" }, el("bdi", {}, name)), folder && el("p", { className: "help" }, el("bdi", {}, folder))),
         el("button", { type: "button", className: "button", "aria-label": "Close", onclick: () => dialog.close() }, "×")),
-      el("p", { className: "row" }, badge(batch, i), c.flags[i] & SKIPPED && el("span", { className: "help" }, "done already when the last run came by"), report !== null && el("a", { className: "button primary", href: report }, "Open its report")),
-      reason && el("p", { className: "details-reason" }, sentence(reason)),
+      el("p", { className: "row" }, badge(batch, i), Boolean(c.flags[i] & SKIPPED) && el("span", { className: "help" }, "done already when the last run came by"), report !== null && el("a", { className: "button primary", href: report }, "Open its report")),
+      reason && el("p", { className: "details-reason" }, reason),
       c.state[i] === WAITING && el("p", { className: "help" }, "It is planned, and no run has got to it."),
       c.state[i] <= REMARKS && !known && el("p", { className: "help" }, "No sidecar of this repair lies beside its output, so that its numbers are not known."),
       notes.length > 0 && el("ul", { className: "notes", "aria-label": "Notes" }, notes.map((note) => el("li", { className: note.matters ? "matters" : "" }, el("span", { className: "note-kind" }, note.matters ? "Look at" : "Note"), el("span", {}, sentence(note.text || note.kind.replaceAll("_", " ")))))),
@@ -51,8 +51,8 @@ function details(batch) {
           ["Exit code", orDash(c.exit_code[i], String)],
           ["When", Number.isFinite(c.time[i]) ? `${moment(c.time[i])} UTC` : null],
         ]))),
-      report === null && c.flags[i] & HAS_LOG ? [el("h3", {}, "A report of this take can be made from its log, in the output folder"), el("pre", { className: "command" }, `mocap-repair report ${quoted(`${output}.mcap`)} -o ${quoted(`${output}.html`)}`)] : "",
-    );
+      report === null && c.flags[i] & HAS_LOG ? [el("h3", {}, "A report of this take can be made from its log, in the output folder"), el("pre", { className: "command" }, `mocap-repair report ${quoted(`${output}.mcap`)} -o ${quoted(`${output}.html`)}`)] : null,
+    ));
   }
   listen("details", () => {
     if (state.details === null) return;

@@ -34,25 +34,23 @@ function head(batch) {
   const elapsed = sum(column.elapsed_ms) / 1000, usual = median(column.elapsed_ms) / 1000;
   const recorded = sum(column.length);
   const perHour = about.wall_secs > 0 ? (about.done_in_runs / about.wall_secs) * 3600 : NaN;
-  const computed = column.samples.reduce((total, x, i) => (Number.isFinite(x) && Number.isFinite(column.elapsed_ms[i]) ? total + x : total), 0);
 
-  const row = (title, value, unit, text, go, tone) => tile(title, value, unit, text, go, tone);
   const first = [
-    row("Done", whole(counts[DONE] + counts[REMARKS]), "", `${share(counts[DONE] + counts[REMARKS])} of ${counted(count, "take")}`, null, counts[DONE] + counts[REMARKS] === count && count > 0 ? "fine" : ""),
-    row("Of these with remarks", whole(counts[REMARKS]), "", counts[REMARKS] ? "something to look at" : "nothing to look at", only(REMARKS, { sorted: "notes", down: true })),
-    row("Quarantined", whole(counts[QUARANTINED]), "", counts[QUARANTINED] ? "not tried again" : "none", only(QUARANTINED), counts[QUARANTINED] ? "bad" : ""),
-    row("Failed", whole(counts[FAILED]), "", counts[FAILED] ? "the next run tries again" : "none", only(FAILED), counts[FAILED] ? "warn" : ""),
-    row("Not yet done", whole(counts[WAITING]), "", counts[WAITING] ? `${share(counts[WAITING])} of all` : "nothing is waiting", only(WAITING)),
-    row("Recorded", duration(recorded).split(" ").slice(0, 1).join(""), duration(recorded).split(" ").slice(1).join(" "), `${large(samples)} samples`),
+    tile("Done", whole(counts[DONE] + counts[REMARKS]), "", `${share(counts[DONE] + counts[REMARKS])} of ${counted(count, "take")}`, null, counts[DONE] + counts[REMARKS] === count && count > 0 ? "fine" : ""),
+    tile("Of these with remarks", whole(counts[REMARKS]), "", counts[REMARKS] ? "something to look at" : "nothing to look at", only(REMARKS, { sorted: "notes", down: true })),
+    tile("Quarantined", whole(counts[QUARANTINED]), "", counts[QUARANTINED] ? "not tried again" : "none", only(QUARANTINED), counts[QUARANTINED] ? "bad" : ""),
+    tile("Failed", whole(counts[FAILED]), "", counts[FAILED] ? "the next run tries again" : "none", only(FAILED), counts[FAILED] ? "warn" : ""),
+    tile("Not yet done", whole(counts[WAITING]), "", counts[WAITING] ? `${share(counts[WAITING])} of all` : "nothing is waiting", only(WAITING)),
+    tile("Recorded", duration(recorded).split(" ").slice(0, 1).join(""), duration(recorded).split(" ").slice(1).join(" "), `${large(samples)} samples`),
   ];
   const numberOf = (text) => text.replace(/ %$/, "");
   const second = [
-    row("Missing", samples > 0 ? numberOf(share(missing, samples)) : DASH, samples > 0 ? "%" : "", `${large(missing)} samples`, missing > 0 ? () => showTakes({ sorted: "share", down: true }) : null),
-    row("Filled of that", missing > 0 ? numberOf(share(filled, missing)) : DASH, missing > 0 ? "%" : "", missing > 0 ? `${large(filled)} samples` : "nothing is missing"),
-    row("Gaps left open", whole(open), "", open ? `in ${counted(withOpen, "take")}` : "every gap is filled", open > 0 ? () => showTakes({ sorted: "open", down: true }) : null, open ? "warn" : ""),
-    row("Worst uncertainty, σ", sigma < 0 ? DASH : mm(column.sigma[sigma], false), sigma < 0 ? "" : "mm", sigma < 0 ? "not known" : split(batch.takes.paths[sigma])[1], sigma < 0 ? null : () => set({ details: sigma })),
-    row("Computing", elapsed > 0 ? duration(elapsed).split(" ")[0] : DASH, elapsed > 0 ? duration(elapsed).split(" ").slice(1).join(" ") : "", Number.isFinite(usual) ? `${duration(usual)} for the usual take` : "not known", Number.isFinite(usual) ? () => showTakes({ sorted: "elapsed", down: true }) : null),
-    row("Throughput", orDash(perHour, few), Number.isFinite(perHour) ? "takes/h" : "", Number.isFinite(perHour) ? `${counted(about.done_in_runs, "repair")} in ${duration(about.wall_secs)}${elapsed > 0 ? `, ${large(computed / elapsed)} samples/s` : ""}` : "not known"),
+    tile("Missing", samples > 0 ? numberOf(share(missing, samples)) : DASH, samples > 0 ? "%" : "", `${large(missing)} samples`, missing > 0 ? () => showTakes({ sorted: "share", down: true }) : null),
+    tile("Filled of that", missing > 0 ? numberOf(share(filled, missing)) : DASH, missing > 0 ? "%" : "", missing > 0 ? `${large(filled)} samples` : "nothing is missing"),
+    tile("Gaps left open", whole(open), "", open ? `in ${counted(withOpen, "take")}` : "every gap is filled", open > 0 ? () => showTakes({ sorted: "open", down: true }) : null, open ? "warn" : ""),
+    tile("Worst uncertainty, σ", sigma < 0 ? DASH : mm(column.sigma[sigma], false), sigma < 0 ? "" : "mm", sigma < 0 ? "not known" : split(batch.takes.paths[sigma])[1], sigma < 0 ? null : () => set({ details: sigma })),
+    tile("Computing", elapsed > 0 ? duration(elapsed).split(" ")[0] : DASH, elapsed > 0 ? duration(elapsed).split(" ").slice(1).join(" ") : "", Number.isFinite(usual) ? `${duration(usual)} for the usual take` : "not known", Number.isFinite(usual) ? () => showTakes({ sorted: "elapsed", down: true }) : null),
+    tile("Throughput", orDash(perHour, few), Number.isFinite(perHour) ? "takes/h" : "", Number.isFinite(perHour) ? `${counted(about.done_in_runs, "repair")} in ${duration(about.wall_secs)}` : "not known"),
   ];
 
   const versions = [...new Set([...about.plans.map((p) => p.version), ...about.attempts.map((a) => a.version)].filter(Boolean))];

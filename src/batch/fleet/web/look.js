@@ -19,8 +19,11 @@ function byReason(batch) {
     const text = Number.isFinite(reason[i]) ? bareReason(batch, i) : "no reason was given";
     const key = states[i] + text.replace(/\d+/g, "#");
     const group = groups.get(key);
-    if (group) group.takes.push(i);
-    else groups.set(key, { state: states[i], text, takes: [i] });
+    if (group) {
+      group.takes.push(i);
+      group.same &&= group.text === text;
+    }
+    else groups.set(key, { state: states[i], text, same: true, takes: [i] });
   }
   return [...groups.values()].sort((a, b) => a.state - b.state || b.takes.length - a.takes.length);
 }
@@ -29,11 +32,11 @@ function reasons(batch) {
   const groups = byReason(batch);
   if (groups.length === 0) return null;
   const most = 8;
-  const item = ({ state: value, text, takes }) => el("li", { className: "reason" },
+  const item = ({ state: value, text, same, takes }) => el("li", { className: "reason" },
     badge(batch, takes[0]),
     el("span", { className: "reason-count" }, counted(takes.length, "take")),
     el("div", { className: "reason-text" },
-      el("p", {}, sentence(text)),
+      el("p", {}, !same && el("span", { className: "help" }, "such as: "), text),
       el("p", { className: "reason-takes" }, takes.slice(0, 3).map((i) => el("span", {}, takeName(batch, i), detailsButton(batch, i))),
         takes.length > 3 && el("button", { type: "button", className: "plain link", onclick: () => showTakes({ only: value, sorted: "reason", down: false, range: { title: text, has: new Set(takes) } }) }, `all ${whole(takes.length)}`))));
   const list = el("ul", { className: "reasons" }, groups.slice(0, most).map(item));
@@ -61,8 +64,8 @@ function worst(batch, title, id, about) {
 function look(batch) {
   const lists = [
     worst(batch, "Gaps left open", "open", (i) => `of ${whole(batch.column.gaps[i])}`),
-    worst(batch, "Worst uncertainty, σ", "sigma"),
-    worst(batch, "Worst bone error", "bone", (i) => (Number.isFinite(batch.column.worst_bone[i]) ? batch.takes.worst_bones[batch.column.worst_bone[i]] : "")),
+    worst(batch, "Worst uncertainty, σ in mm", "sigma"),
+    worst(batch, "Worst bone error in mm", "bone", (i) => (Number.isFinite(batch.column.worst_bone[i]) ? batch.takes.worst_bones[batch.column.worst_bone[i]] : "")),
     worst(batch, "Suspicious samples", "suspects"),
   ].filter(Boolean);
   const why = reasons(batch);

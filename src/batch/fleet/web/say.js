@@ -1,7 +1,7 @@
 // How takes, times and sizes are said.
 
 const STATES = [
-  { word: "done", title: "Done", tone: "good" },
+  { word: "done", title: "Complete", tone: "good" },
   { word: "remarks", title: "With remarks", tone: "remark" },
   { word: "quarantined", title: "Quarantined", tone: "bad" },
   { word: "failed", title: "Failed", tone: "warn" },

@@ -45,9 +45,13 @@ function timeChart(batch) {
     const py = (log) => height - SPACE.bottom - ((log - y0) / (y1 - y0)) * (height - SPACE.top - SPACE.bottom);
     const line = (...at) => (pen.beginPath(), pen.moveTo(at[0], at[1]), pen.lineTo(at[2], at[3]), pen.stroke());
     pen.textAlign = "center";
-    for (let k = Math.ceil(x0); k <= x1; k++) {
-      line(px(k), SPACE.top, px(k), height - SPACE.bottom);
-      pen.fillText(k < 3 ? String(10 ** k) : k < 6 ? `${10 ** (k - 3)} k` : k < 9 ? `${10 ** (k - 6)} M` : `${10 ** (k - 9)} G`, px(k), height - SPACE.bottom + 14);
+    for (let k = Math.floor(x0); k <= x1; k++) {
+      for (const digit of x1 - x0 < 2.5 ? [1, 2, 5] : [1]) {
+        const number = digit * 10 ** k, at = px(Math.log10(number));
+        if (at < SPACE.left || at > width - SPACE.right) continue;
+        line(at, SPACE.top, at, height - SPACE.bottom);
+        pen.fillText(number < 1e3 ? String(number) : number < 1e6 ? `${number / 1e3} k` : number < 1e9 ? `${number / 1e6} M` : `${number / 1e9} G`, at, height - SPACE.bottom + 14);
+      }
     }
     pen.textAlign = "right";
     pen.fillText("samples", width - SPACE.right, height - 3);
