@@ -3,9 +3,10 @@
 //! `cargo run --release --example fleet -- rows 100000 report.html` of so many takes,
 //! `cargo run --release --example fleet -- tree FOLDER` of a small output folder with names that nobody wants to have.
 
-use mocap_repair::batch::fleet::{self, About, Attempt, FleetRow, Folder, Planned};
+use mocap_repair::batch::fleet::{self, About, Attempt, FleetRow, Planned, Plans};
 use mocap_repair::batch::ledger::{Begun, Ended, How, Outcome, Record, Stop, TakeRecord, Try};
 use mocap_repair::batch::sidecar::{InputFile, MarkerSummary, NoteSaid, OutputFile, Sidecar, Summary};
+use mocap_repair::batch::store::Place;
 use std::error::Error;
 use std::path::Path;
 
@@ -203,12 +204,18 @@ fn tree(folder: &Path) -> Result<(), Box<dyn Error>> {
         std::fs::create_dir_all(path.parent().unwrap_or(&out))?;
         std::fs::write(path, text)
     };
-    let mut plan = "{\"message_type\":\"plan\",\"version\":\"0.1.0\",\"config\":\"method = \\\"auto\\\"\",\"config_sha256\":\"c0ffee11\",\"sources\":[\"/data/<b>in</b>\"],\"takes\":68,\"bytes\":1}\n".to_owned();
+    let wanted = serde_json::json!({"log": true, "report": true, "fills": false});
+    let header = serde_json::json!({
+        "message_type": "plan", "version": "0.1.0", "config": "method = \"auto\"", "config_sha256": "c0ffee11",
+        "sources": ["/data/<b>in</b>"], "takes": 68, "bytes": 1, "wanted": wanted,
+    });
+    let mut plan = format!("{header}\n");
     let begun = Begun {
         time: "2026-11-30T08:00:00Z".to_owned(),
         host: "<i>host</i>".to_owned(),
         version: "0.1.0".to_owned(),
         shards: 1,
+        plan: Some("4be1c0de".repeat(8)),
         takes: 68,
         jobs: 2,
         engine: "local".to_owned(),
@@ -268,13 +275,12 @@ fn tree(folder: &Path) -> Result<(), Box<dyn Error>> {
         quarantined: 2,
         failed: 1,
     }));
-    put(".mocap-repair/plans/4be1c0de.jsonl", &plan)?;
+    put(&format!(".mocap-repair/plans/{}.jsonl", "4be1c0de".repeat(8)), &plan)?;
     let lines: Result<Vec<String>, _> = ledger.iter().map(serde_json::to_string).collect();
-    put(".mocap-repair/ledger/4be1c0de-0-of-1-1.jsonl", &(lines?.join("\n") + "\n{\"message_type\":\"take\",\"ti"))?;
+    put(".mocap-repair/ledger/4be1c0de-0-of-1-0001.jsonl", &(lines?.join("\n") + "\n{\"message_type\":\"take\",\"ti"))?;
     let elsewhere = folder.join("elsewhere");
     std::fs::create_dir_all(&elsewhere)?;
-    let place = Folder(out.clone());
-    let collected = fleet::collect(&place, None)?;
+    let collected = fleet::collect(&Place::parse(&out.to_string_lossy())?, &Plans::Last)?;
     for path in [out.join("report.html"), elsewhere.join("report.html")] {
         fleet::write(collected.rows(), &collected.about, &path, true)?;
     }

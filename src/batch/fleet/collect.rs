@@ -1,96 +1,32 @@
 //! From what a batch left in its output folder to what is told of each take.
 //!
-//! Plans and ledgers are read at once: of each take a few hundred bytes are kept. Sidecars are read one after the other while the takes are
-//! gone through, some at a time on all cores, and forgotten.
+//! Plans and ledgers are read at once: of each take a few hundred bytes are kept. Sidecars are read while the takes are gone through, some
+//! at a time on all cores, and forgotten.
 
 use super::ledgers::{Ledgers, Told};
-use super::{About, FleetError, FleetRow, Planned};
-use crate::batch::ledger::Outcome;
+use super::{About, FleetRow, Planned};
+use crate::batch::ledger::{self, Begun, Outcome, Record};
+use crate::batch::plan::{Plan, Shard};
 use crate::batch::sidecar::{self, Sidecar};
-use crate::input::plain;
+use crate::batch::store::{Place, StoreError};
+use crate::batch::{BatchError, OWN_FOLDER};
 use rayon::prelude::*;
-use serde::Deserialize;
 use std::collections::BTreeMap;
-use std::io::{self, Read as _};
-use std::path::{Component, Path, PathBuf};
-
-/// Where everything about running lies, below the output folder.
-const RUNNING: &str = ".mocap-repair";
+use std::sync::Mutex;
 
 /// Sidecars that are read at a time.
 const AT_A_TIME: usize = 256;
 
-/// The output folder, wherever it is. Names are those below it, with `/`.
-pub trait Tree: Sync {
-    /// Names of the files that lie in a folder, in order; none if it is not there.
-    ///
-    /// # Errors
-    /// It cannot be read.
-    fn files(&self, folder: &str) -> Result<Vec<String>, FleetError>;
-
-    /// What is in a file; `None` if it is not there or larger than `limit` bytes.
-    ///
-    /// # Errors
-    /// It cannot be read.
-    fn read(&self, name: &str, limit: u64) -> Result<Option<Vec<u8>>, FleetError>;
-
-    /// True if a file is there. `listed`: its sidecar says that it was written, which is enough where looking is dear.
-    fn is_there(&self, name: &str, listed: bool) -> bool;
-
-    /// What it is called.
-    fn name(&self) -> String;
-
-    /// The folder, if it is one that a page can link into.
-    fn folder(&self) -> Option<PathBuf>;
-}
-
-/// A folder on a disk.
-#[derive(Clone, Debug)]
-pub struct Folder(pub PathBuf);
-
-impl Folder {
-    /// The file of a name, if the name does not lead out of the folder.
-    fn file(&self, name: &str) -> Option<PathBuf> {
-        let path = Path::new(name);
-        (!name.is_empty() && path.components().all(|part| matches!(part, Component::Normal(_)))).then(|| self.0.join(path))
-    }
-}
-
-impl Tree for Folder {
-    fn files(&self, folder: &str) -> Result<Vec<String>, FleetError> {
-        let path = self.0.join(folder);
-        let entries = match std::fs::read_dir(&path) {
-            Ok(entries) => entries,
-            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
-            Err(e) => return Err(FleetError::at(path.display(), format!("cannot be read: {}", plain(&e)))),
-        };
-        let mut names: Vec<String> = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok()).collect();
-        names.sort();
-        Ok(names)
-    }
-
-    fn read(&self, name: &str, limit: u64) -> Result<Option<Vec<u8>>, FleetError> {
-        let Some(path) = self.file(name) else { return Ok(None) };
-        let mut bytes = Vec::new();
-        match std::fs::File::open(&path).and_then(|file| file.take(limit.saturating_add(1)).read_to_end(&mut bytes)) {
-            Ok(_) => Ok((bytes.len() as u64 <= limit).then_some(bytes)),
-            Err(e) if matches!(e.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => Ok(None),
-            Err(e) => Err(FleetError::at(path.display(), format!("cannot be read: {}", plain(&e)))),
-        }
-    }
-
-    fn is_there(&self, name: &str, _: bool) -> bool {
-        self.file(name).is_some_and(|path| path.is_file())
-    }
-
-    fn name(&self) -> String {
-        let full = self.0.canonicalize().unwrap_or_else(|_| self.0.clone());
-        full.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default()
-    }
-
-    fn folder(&self) -> Option<PathBuf> {
-        Some(self.0.clone())
-    }
+/// Which takes are told of.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Plans {
+    /// Those of the plan that was run last, as `batch status` has it; of a folder that is watched, those that came.
+    #[default]
+    Last,
+    /// Those of the plan whose SHA-256 begins like this.
+    Of(String),
+    /// Those of all plans, and all others that were ever done here.
+    All,
 }
 
 /// What is known of a take before its sidecar is read.
@@ -98,106 +34,125 @@ impl Tree for Folder {
 struct Known {
     output: String,
     bytes: u64,
+    /// What a record must be of; any will do if there is none.
+    identity: Option<String>,
     told: Told,
 }
 
 /// What a batch left.
-pub struct Collected<'a> {
-    tree: &'a dyn Tree,
+pub struct Collected {
+    out: Place,
     /// What holds for all takes.
     pub about: About,
     takes: BTreeMap<String, Known>,
+    unread: Mutex<Vec<StoreError>>,
 }
 
-/// Reads plans and ledgers. With `plan`, the beginning of a plan's SHA-256, only what it plans is told of.
+/// Reads plans and ledgers.
 ///
 /// # Errors
-/// They cannot be read, no batch ran here, or none has this plan.
-pub fn collect<'a>(tree: &'a dyn Tree, plan: Option<&str>) -> Result<Collected<'a>, FleetError> {
-    let mut about = About { name: tree.name(), folder: tree.folder(), ..About::default() };
+/// They cannot be read, no batch ran here, or none of this plan.
+pub fn collect(out: &Place, plans: &Plans) -> Result<Collected, BatchError> {
+    let folder = out.folder().map(|folder| folder.canonicalize().unwrap_or_else(|_| folder.to_owned()));
+    let name = match &folder {
+        Some(folder) => folder.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default(),
+        None => out.shown().to_owned(),
+    };
+    let mut about = About { name, folder, ..About::default() };
+    let chosen = chosen(out, plans)?;
     let mut takes: BTreeMap<String, Known> = BTreeMap::new();
-    let mut spoilt = Vec::new();
-    for name in jsonl(tree, "plans")? {
-        let short = name.trim_end_matches(".jsonl").to_owned();
-        if plan.is_some_and(|wanted| !wanted.starts_with(&short) && !short.starts_with(wanted)) {
-            continue;
-        }
-        let bytes = tree.read(&format!("{RUNNING}/plans/{name}"), u64::MAX)?.unwrap_or_default();
-        match planned(short.clone(), &bytes, &mut takes) {
-            Some(planned) => about.plans.push(planned),
-            None => spoilt.push(short),
-        }
+    for sha256 in &chosen {
+        about.plans.push(planned(out, sha256, *plans == Plans::All, &mut takes)?);
     }
-    if let Some(wanted) = plan.filter(|_| about.plans.is_empty()) {
-        return Err(FleetError::at(about.name, format!("has no plan {wanted}; without --plan the report is about all plans")));
-    }
+    // of what is watched, and of everything, whatever has a record is told of
+    let open = chosen.is_empty() || *plans == Plans::All;
     let mut ledgers = Ledgers::default();
-    for name in jsonl(tree, "ledger")? {
-        if plan.is_some() && !about.plans.iter().any(|planned| name.starts_with(&planned.name)) {
-            continue;
+    ledger::read_all(out, &mut |name, record| match record {
+        Record::Take(take) => {
+            if open && !takes.contains_key(&take.path) {
+                takes.insert(take.path.clone(), Known { output: take.output.clone(), bytes: take.bytes, ..Known::default() });
+            }
+            ledgers.count(name, &take);
+            let Some(known) = takes.get_mut(&take.path) else { return };
+            if known.identity.is_none() || take.planned.is_none() || known.identity == take.planned {
+                known.told.add(take, name);
+            }
         }
-        ledgers.add(&name, &tree.read(&format!("{RUNNING}/ledger/{name}"), u64::MAX)?.unwrap_or_default());
-    }
+        Record::Begun(begun) => {
+            let counts = *plans == Plans::All || begun.plan.as_ref().map_or(chosen.is_empty(), |plan| chosen.contains(plan));
+            ledgers.begin(name, begun, counts);
+        }
+        Record::Ended(ended) => ledgers.end(name, &ended),
+    })?;
     (about.attempts, about.wall_secs, about.done_in_runs) = ledgers.runs();
-    for (path, told) in ledgers.takes {
-        let known = takes.entry(path).or_default();
-        if let Some(newest) = &told.newest {
+    for known in takes.values_mut() {
+        if let Some(newest) = &known.told.newest {
             known.output.clone_from(&newest.output);
             known.bytes = newest.bytes;
         }
-        known.told = told;
-    }
-    if takes.is_empty() && about.plans.is_empty() && about.attempts.is_empty() {
-        return Err(FleetError::at(
-            about.name,
-            "is no output folder of a batch: it has neither plans nor records; name the folder that batch run was given with --out",
-        ));
-    }
-    if ledgers.unread > 0 {
-        about.remarks.push(format!("{} of the ledgers cannot be read and are left out", lines(ledgers.unread)));
-    }
-    for name in spoilt {
-        about.remarks.push(format!("the plan {name} cannot be read: what it plans and nobody began is not told of"));
     }
     about.shared_folders = shared_folders(takes.keys().map(String::as_str));
-    Ok(Collected { tree, about, takes })
+    Ok(Collected { out: out.clone(), about, takes, unread: Mutex::default() })
 }
 
-fn lines(number: u64) -> String {
-    if number == 1 { "1 line".to_owned() } else { format!("{number} lines") }
+/// SHA-256 of the plans whose takes are told of, the one that was run first to the front; none for a folder that is watched.
+fn chosen(out: &Place, plans: &Plans) -> Result<Vec<String>, BatchError> {
+    let mut begun: Vec<Begun> = Vec::new();
+    ledger::read_all(out, &mut |_, record| {
+        if let Record::Begun(one) = record {
+            begun.push(one);
+        }
+    })?;
+    begun.sort_by(|a, b| a.time.cmp(&b.time));
+    let Some(newest) = begun.last() else {
+        return Err(BatchError { text: format!("{out}: holds no batch: there is no {OWN_FOLDER}/ledger in it"), again: false });
+    };
+    let mut all: Vec<String> = Vec::new();
+    for sha256 in begun.iter().filter_map(|begun| begun.plan.as_ref()) {
+        if !all.contains(sha256) {
+            all.push(sha256.clone());
+        }
+    }
+    match plans {
+        Plans::All => Ok(all),
+        Plans::Last => Ok(newest.plan.iter().cloned().collect()),
+        Plans::Of(wanted) => {
+            all.retain(|sha256| sha256.starts_with(wanted.as_str()));
+            match all.len() {
+                1 => Ok(all),
+                0 => Err(BatchError { text: format!("{out}: no plan that begins with {wanted} was run here"), again: false }),
+                _ => Err(BatchError { text: format!("{out}: {} plans begin with {wanted}; give more of it", all.len()), again: false }),
+            }
+        }
+    }
 }
 
-fn jsonl(tree: &dyn Tree, folder: &str) -> Result<Vec<String>, FleetError> {
-    let mut names = tree.files(&format!("{RUNNING}/{folder}"))?;
-    names.retain(|name| name.strip_suffix(".jsonl").is_some_and(|stem| !stem.is_empty() && !name.starts_with('.')));
-    Ok(names)
-}
-
-/// Reads a plan and adds its takes; `None` if it has no header. Fields that are not needed here may be there or not.
-fn planned(name: String, bytes: &[u8], takes: &mut BTreeMap<String, Known>) -> Option<Planned> {
-    #[derive(Deserialize)]
-    #[serde(default)]
-    #[derive(Default)]
-    struct Header {
-        version: String,
-        config: String,
-        config_sha256: String,
-        sources: Vec<String>,
-        takes: u64,
+/// Reads the copy of a plan and adds its takes.
+fn planned(out: &Place, sha256: &str, any: bool, takes: &mut BTreeMap<String, Known>) -> Result<Planned, BatchError> {
+    let name = format!("{OWN_FOLDER}/plans/{sha256}.jsonl");
+    let copy =
+        tempfile::NamedTempFile::new().map_err(|e| BatchError { text: format!("a temporary file cannot be made: {e}"), again: true })?;
+    let path = if let Some(folder) = out.folder() {
+        folder.join(&name)
+    } else {
+        out.fetch(&name, copy.path())?;
+        copy.path().to_owned()
+    };
+    let plan = Plan::open(&path, Shard::ALL)?;
+    let header = plan.header.clone();
+    for take in plan {
+        let take = take?;
+        let identity = (!any).then(|| take.identity(&header));
+        takes.insert(take.path, Known { output: take.output, bytes: take.bytes, identity, told: Told::default() });
     }
-    #[derive(Deserialize)]
-    struct Take {
-        path: String,
-        output: String,
-        bytes: u64,
-    }
-    let mut lines = bytes.split(|b| *b == b'\n');
-    let header: Header = serde_json::from_slice(lines.next()?).ok()?;
-    for take in lines.filter_map(|line| serde_json::from_slice::<Take>(line).ok()) {
-        takes.insert(take.path, Known { output: take.output, bytes: take.bytes, told: Told::default() });
-    }
-    let Header { version, config, config_sha256, sources, takes } = header;
-    Some(Planned { name, version, config, config_sha256, sources, takes })
+    Ok(Planned {
+        name: sha256.chars().take(8).collect(),
+        version: header.version,
+        config: header.config,
+        config_sha256: header.config_sha256,
+        sources: header.sources,
+        takes: header.takes,
+    })
 }
 
 /// How many of the first folders are the same in all paths.
@@ -215,13 +170,20 @@ fn shared_folders<'a>(mut paths: impl Iterator<Item = &'a str>) -> usize {
     shared.len()
 }
 
-impl Collected<'_> {
+impl Collected {
     /// Number of takes.
     pub fn takes(&self) -> usize {
         self.takes.len()
     }
 
-    /// The takes in the order of their paths. Sidecars are read while they are gone through; one that cannot be read is as one that is not there.
+    /// How many sidecars could not be read by now, and what was said of one.
+    pub fn unread(&self) -> Option<(usize, StoreError)> {
+        let unread = self.unread.lock().ok()?;
+        unread.first().map(|first| (unread.len(), first.clone()))
+    }
+
+    /// The takes in the order of their paths. Sidecars are read while they are gone through; one that cannot be read is as one that is not
+    /// there, and [counted](Self::unread).
     pub fn rows(&self) -> impl Iterator<Item = FleetRow> + '_ {
         let mut takes = self.takes.iter();
         std::iter::from_fn(move || {
@@ -246,16 +208,29 @@ impl Collected<'_> {
         if !matches!(newest.outcome, Outcome::Done | Outcome::Skipped) {
             return row; // what may lie there is of another repair
         }
-        let bytes = self.tree.read(&format!("{}.{}", row.output, sidecar::EXTENSION), sidecar::LARGEST).ok().flatten();
-        row.sidecar =
-            bytes.and_then(|bytes| Sidecar::parse(&bytes)).filter(|sidecar| newest.key.as_ref().is_none_or(|key| *key == sidecar.key));
-        let name = row.output.rsplit('/').next().unwrap_or_default();
-        let is_there = |extension: &str| {
-            let listed =
-                row.sidecar.as_ref().is_some_and(|sidecar| sidecar.outputs.iter().any(|file| file.name == format!("{name}.{extension}")));
-            self.tree.is_there(&format!("{}.{extension}", row.output), listed)
-        };
-        (row.report, row.log) = (is_there("html"), is_there("mcap"));
+        let bytes = self.out.read(&format!("{}.{}", row.output, sidecar::EXTENSION), sidecar::LARGEST).unwrap_or_else(|error| {
+            if let Ok(mut unread) = self.unread.lock() {
+                unread.push(error);
+            }
+            None
+        });
+        let fits = |sidecar: &Sidecar| newest.key.as_ref().is_none_or(|key| *key == sidecar.key);
+        row.sidecar = bytes.and_then(|bytes| Sidecar::parse(&bytes)).filter(fits);
+        (row.report, row.log) = (self.has(&row, "html"), self.has(&row, "mcap"));
         row
+    }
+
+    /// True if a file of this extension lies beside the output of a take. In a bucket, where looking is dear, the sidecar is believed.
+    fn has(&self, row: &FleetRow, extension: &str) -> bool {
+        let name = format!("{}.{extension}", row.output);
+        match self.out.folder() {
+            Some(_) => self.out.exists(&name).unwrap_or(false),
+            None => row.sidecar.as_ref().is_some_and(|sidecar| {
+                sidecar
+                    .outputs
+                    .iter()
+                    .any(|file| name.strip_suffix(file.name.as_str()).is_some_and(|before| before.is_empty() || before.ends_with('/')))
+            }),
+        }
     }
 }

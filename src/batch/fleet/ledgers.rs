@@ -1,17 +1,14 @@
 //! What the ledgers say: the newest record of each take, and the runs that there were.
 
 use super::Attempt;
-use crate::batch::ledger::{Outcome, Record, Stop, TakeRecord};
-use std::collections::BTreeMap;
+use crate::batch::ledger::{Begun, Ended, Outcome, Stop, TakeRecord};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
-
-/// When something was said: time, then attempt, then line.
-type When = (Duration, u64, usize);
 
 /// What is kept of a record.
 #[derive(Clone, Debug)]
 pub(super) struct Said {
-    when: When,
+    /// When: time, then the number of the attempt. Of two at the same time the one that was read last counts.
+    when: (Duration, u32),
     pub(super) time: String,
     pub(super) output: String,
     pub(super) key: Option<String>,
@@ -43,7 +40,22 @@ impl Told {
         }
     }
 
-    fn add(&mut self, said: Said) {
+    /// Takes in a record of a ledger of this name.
+    pub(super) fn add(&mut self, record: TakeRecord, ledger: &str) {
+        let attempt = ledger.rsplit('-').next().and_then(|number| number.parse().ok()).unwrap_or(0);
+        let said = Said {
+            when: (moment(&record.time), attempt),
+            time: record.time,
+            output: record.output,
+            key: record.key,
+            outcome: record.outcome,
+            exit_code: record.exit_code,
+            reason: record.reason,
+            tries: record.tries.len(),
+            elapsed_secs: record.elapsed_secs,
+            peak_bytes: record.peak_bytes,
+            bytes: record.bytes,
+        };
         let is_newest = self.newest.as_ref().is_none_or(|newest| newest.when <= said.when);
         let before = if is_newest { self.newest.replace(said) } else { Some(said) };
         if let Some(before) = before.filter(|before| before.outcome == Outcome::Done)
@@ -54,60 +66,63 @@ impl Told {
     }
 }
 
-/// What all ledgers say.
+/// The runs that ledgers tell of.
 #[derive(Debug, Default)]
 pub(super) struct Ledgers {
-    /// By path.
-    pub(super) takes: BTreeMap<String, Told>,
+    /// From when, until when.
     runs: Vec<(Duration, Duration, Attempt)>,
-    /// Lines that cannot be read and are not the last of their file.
-    pub(super) unread: u64,
+    /// The ledger that is being read, if its run counts.
+    now: Option<String>,
 }
 
 impl Ledgers {
-    /// Takes in a ledger of this name.
-    pub(super) fn add(&mut self, name: &str, bytes: &[u8]) {
-        let attempt = name.trim_end_matches(".jsonl").rsplit('-').next().and_then(|number| number.parse().ok()).unwrap_or(0);
-        let mut run = None;
-        // whatever stands behind the last line end was torn off by a kill
-        let whole = bytes.iter().rposition(|b| *b == b'\n').map_or(&[][..], |end| &bytes[..end]);
-        for (line, text) in whole.split(|b| *b == b'\n').enumerate().filter(|(_, text)| !text.trim_ascii().is_empty()) {
-            match serde_json::from_slice(text) {
-                Ok(Record::Begun(begun)) => {
-                    self.runs.extend(run.take());
-                    let (time, last) = (moment(&begun.time), begun.time.clone());
-                    let attempt = Attempt {
-                        begun: begun.time,
-                        last,
-                        host: begun.host,
-                        engine: begun.engine,
-                        jobs: begun.jobs,
-                        shard: begun.shard,
-                        shards: begun.shards,
-                        version: begun.version,
-                        ..Attempt::default()
-                    };
-                    run = Some((time, time, attempt));
-                }
-                Ok(Record::Take(record)) => {
-                    let time = moment(&record.time);
-                    if let Some(run) = &mut run {
-                        count(run, time, &record);
-                    }
-                    let (path, said) = kept(record, (time, attempt, line));
-                    self.takes.entry(path).or_default().add(said);
-                }
-                Ok(Record::Ended(ended)) => {
-                    if let Some((_, last, attempt)) = &mut run {
-                        *last = moment(&ended.time).max(*last);
-                        attempt.last = ended.time;
-                        attempt.stop = Some(word(ended.stop).to_owned());
-                    }
-                }
-                Err(_) => self.unread += 1,
-            }
+    /// A ledger begins; `counts`: its run is told of.
+    pub(super) fn begin(&mut self, ledger: &str, begun: Begun, counts: bool) {
+        self.now = counts.then(|| ledger.to_owned());
+        if !counts {
+            return;
         }
-        self.runs.extend(run);
+        let time = moment(&begun.time);
+        let attempt = Attempt {
+            last: begun.time.clone(),
+            begun: begun.time,
+            host: begun.host,
+            engine: begun.engine,
+            jobs: begun.jobs,
+            shard: begun.shard,
+            shards: begun.shards,
+            version: begun.version,
+            ..Attempt::default()
+        };
+        self.runs.push((time, time, attempt));
+    }
+
+    /// The run that a record of this ledger is of, at this time.
+    fn run(&mut self, ledger: &str, time: &str) -> Option<&mut Attempt> {
+        let (_, last, attempt) = self.runs.last_mut().filter(|_| self.now.as_deref() == Some(ledger))?;
+        if moment(time) >= *last {
+            *last = moment(time);
+            time.clone_into(&mut attempt.last);
+        }
+        Some(attempt)
+    }
+
+    /// A take was accounted for.
+    pub(super) fn count(&mut self, ledger: &str, record: &TakeRecord) {
+        let Some(attempt) = self.run(ledger, &record.time) else { return };
+        match record.outcome {
+            Outcome::Done => attempt.done += 1,
+            Outcome::Skipped => attempt.skipped += 1,
+            Outcome::Quarantined => attempt.quarantined += 1,
+            Outcome::Failed => attempt.failed += 1,
+        }
+    }
+
+    /// The run ended.
+    pub(super) fn end(&mut self, ledger: &str, ended: &Ended) {
+        if let Some(attempt) = self.run(ledger, &ended.time) {
+            attempt.stop = Some(word(ended.stop).to_owned());
+        }
     }
 
     /// The runs, how long any of them ran, and how many takes were done in that time.
@@ -123,37 +138,6 @@ impl Ledgers {
         let done = runs.iter().map(|(_, _, attempt)| attempt.done).sum();
         (runs.into_iter().map(|(_, _, attempt)| attempt).collect(), together.as_secs_f64(), done)
     }
-}
-
-fn count(run: &mut (Duration, Duration, Attempt), time: Duration, record: &TakeRecord) {
-    let (_, last, attempt) = run;
-    if time >= *last {
-        *last = time;
-        attempt.last.clone_from(&record.time);
-    }
-    match record.outcome {
-        Outcome::Done => attempt.done += 1,
-        Outcome::Skipped => attempt.skipped += 1,
-        Outcome::Quarantined => attempt.quarantined += 1,
-        Outcome::Failed => attempt.failed += 1,
-    }
-}
-
-fn kept(record: TakeRecord, when: When) -> (String, Said) {
-    let said = Said {
-        when,
-        time: record.time,
-        output: record.output,
-        key: record.key,
-        outcome: record.outcome,
-        exit_code: record.exit_code,
-        reason: record.reason,
-        tries: record.tries.len(),
-        elapsed_secs: record.elapsed_secs,
-        peak_bytes: record.peak_bytes,
-        bytes: record.bytes,
-    };
-    (record.path, said)
 }
 
 /// A time since 1970; 0 for what is none.

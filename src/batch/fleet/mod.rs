@@ -12,8 +12,9 @@ mod page;
 mod sheet;
 mod takes;
 
-pub use collect::{Collected, Folder, Tree, collect};
+pub use collect::{Collected, Plans, collect};
 
+use super::BatchError;
 use super::ledger::Outcome;
 use super::sidecar::Sidecar;
 use crate::input::plain;
@@ -21,25 +22,6 @@ use crate::staging::{self, Placed};
 use serde::Serialize;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
-
-/// Why there is no report.
-#[derive(Debug, thiserror::Error)]
-pub enum FleetError {
-    /// A file or a folder cannot be read or written.
-    #[error("{place}: {problem}")]
-    Io {
-        /// Which.
-        place: String,
-        /// What was found, what was expected, the way out.
-        problem: String,
-    },
-}
-
-impl FleetError {
-    fn at(place: impl std::fmt::Display, problem: impl Into<String>) -> Self {
-        Self::Io { place: place.to_string(), problem: problem.into() }
-    }
-}
 
 /// What there is to tell of a take.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -82,7 +64,7 @@ pub struct About {
     pub folder: Option<PathBuf>,
     /// How many of the first folders of a path all takes share: what they are told apart by begins behind them.
     pub shared_folders: usize,
-    /// The plans, the oldest first.
+    /// The plans, the one that was run first to the front.
     pub plans: Vec<Planned>,
     /// Runs of the batch, in the order in which they began.
     pub attempts: Vec<Attempt>,
@@ -159,18 +141,18 @@ pub struct Written {
 ///
 /// # Errors
 /// The page is to have the name of a table, one of the files is there already and `force` is not given, or they cannot be written.
-pub fn write(rows: impl Iterator<Item = FleetRow>, about: &About, out_html: &Path, force: bool) -> Result<Written, FleetError> {
+pub fn write(rows: impl Iterator<Item = FleetRow>, about: &About, out_html: &Path, force: bool) -> Result<Written, BatchError> {
     let csv = out_html.with_extension("csv");
-    let unwritable = |path: &Path, e: &io::Error| FleetError::at(path.display(), format!("cannot be written: {}", plain(e)));
+    let unwritable = |path: &Path, e: &io::Error| BatchError::at(path, format!("cannot be written: {}", plain(e)));
     if csv == out_html {
-        return Err(FleetError::at(
-            out_html.display(),
+        return Err(BatchError::at(
+            out_html,
             "is the name of the table, which is written beside the page; give the page a name that ends in .html",
         ));
     }
     for path in [out_html, &csv] {
         if staging::is_there(path) && !force {
-            return Err(FleetError::at(path.display(), "exists already; give another name, or say --force to replace it"));
+            return Err(BatchError::at(path, "exists already; give another name, or say --force to replace it"));
         }
     }
     let mut page_file = staging::beside(out_html).map_err(|e| unwritable(out_html, &e))?;

@@ -2,7 +2,9 @@
 
 use super::*;
 use crate::batch::ledger::{Begun, Ended, How, Record, Stop, TakeRecord, Try};
+use crate::batch::plan::{Header, PlannedTake};
 use crate::batch::sidecar::{InputFile, MarkerSummary, NoteSaid, OutputFile, Summary};
+use crate::batch::store::Place;
 use std::fs;
 
 /// A sidecar of a take with one gap.
@@ -63,16 +65,22 @@ fn record(path: &str, time: &str, outcome: Outcome, key: &str, elapsed_secs: f64
     })
 }
 
-fn begun(time: &str) -> Record {
-    Record::Begun(Begun { time: time.to_owned(), host: "a".to_owned(), shards: 1, ..Begun::default() })
-}
-
 fn lines(records: &[Record]) -> String {
     crate::report::lines(records)
 }
 
+/// The name of a plan's copy.
+fn sha256(plan: u32) -> String {
+    format!("{plan:08}").repeat(8)
+}
+
+fn begun(plan: u32, time: &str) -> Record {
+    let plan = (plan > 0).then(|| sha256(plan));
+    Record::Begun(Begun { time: time.to_owned(), host: "a".to_owned(), shards: 1, plan, ..Begun::default() })
+}
+
 /// A folder with these ledgers, plans and sidecars.
-fn batch(ledgers: &[(&str, String)], plan: &[&str], sidecars: &[(&str, Sidecar)]) -> tempfile::TempDir {
+fn batch(ledgers: &[(&str, String)], plans: &[(u32, &[&str])], sidecars: &[(&str, Sidecar)]) -> (tempfile::TempDir, Place) {
     let root = tempfile::tempdir().unwrap();
     let put = |name: &str, text: &str| {
         let path = root.path().join(name);
@@ -82,53 +90,77 @@ fn batch(ledgers: &[(&str, String)], plan: &[&str], sidecars: &[(&str, Sidecar)]
     for (name, text) in ledgers {
         put(&format!(".mocap-repair/ledger/{name}"), text);
     }
-    let takes = plan
-        .iter()
-        .map(|path| format!("{{\"message_type\":\"take\",\"path\":{path:?},\"source\":\"/in\",\"output\":{path:?},\"bytes\":10}}\n"));
-    let header = "{\"message_type\":\"plan\",\"version\":\"0.1.0\",\"config\":\"method = 'auto'\",\"config_sha256\":\"c\",\"sources\":[\"/in\"],\"takes\":1,\"bytes\":1}\n";
-    put(".mocap-repair/plans/11112222.jsonl", &format!("{header}{}", takes.collect::<String>()));
+    for (plan, paths) in plans {
+        let (header, takes) = planned(*plan, paths);
+        put(
+            &format!(".mocap-repair/plans/{}.jsonl", sha256(*plan)),
+            &[crate::report::lines(&[header]), crate::report::lines(&takes)].concat(),
+        );
+    }
     for (path, sidecar) in sidecars {
         put(&format!("{path}.repair.json"), &sidecar.text());
     }
-    root
+    let place = Place::parse(root.path().to_str().unwrap()).unwrap();
+    (root, place)
 }
 
-fn rows(root: &Path) -> (About, Vec<FleetRow>) {
-    let folder = Folder(root.to_owned());
-    let collected = collect(&folder, None).unwrap();
+/// A plan of these takes; in each plan they are to be repaired otherwise.
+fn planned(plan: u32, paths: &[&str]) -> (Header, Vec<PlannedTake>) {
+    let header = Header {
+        version: "0.1.0".to_owned(),
+        config: "method = 'auto'".to_owned(),
+        config_sha256: format!("c{plan}"),
+        wanted: crate::batch::plan::Wanted::default(),
+        sources: vec!["/in".to_owned()],
+        takes: paths.len() as u64,
+        bytes: 1,
+    };
+    let take = |path: &&str| PlannedTake {
+        path: (*path).to_owned(),
+        source: format!("/in/{path}"),
+        output: (*path).to_owned(),
+        bytes: 10,
+        modified_ns: None,
+        sha256: None,
+        version: None,
+        problem: None,
+    };
+    (header, paths.iter().map(take).collect())
+}
+
+fn rows(place: &Place, plans: &Plans) -> (About, Vec<FleetRow>) {
+    let collected = collect(place, plans).unwrap();
     let rows = collected.rows().collect();
     (collected.about, rows)
 }
 
 #[test]
 fn the_newest_record_wins_whichever_ledger_it_is_in() {
+    let ended = Ended {
+        time: "2026-11-30T13:00:10Z".to_owned(),
+        stop: Stop::Complete,
+        done: 1,
+        remarked: 0,
+        skipped: 1,
+        quarantined: 0,
+        failed: 0,
+    };
     let late = lines(&[
-        begun("2026-11-30T13:00:00Z"),
+        begun(1, "2026-11-30T13:00:00Z"),
         record("A/a.c3d", "2026-11-30T13:00:01Z", Outcome::Skipped, "k1", 0.0),
         record("A/b.c3d", "2026-11-30T13:00:00.5Z", Outcome::Done, "k1", 2.0),
-        Record::Ended(Ended {
-            time: "2026-11-30T13:00:10Z".to_owned(),
-            stop: Stop::Complete,
-            done: 1,
-            remarked: 0,
-            skipped: 1,
-            quarantined: 0,
-            failed: 0,
-        }),
+        Record::Ended(ended),
     ]);
     let early = lines(&[
-        begun("2026-11-30T12:00:00Z"),
+        begun(1, "2026-11-30T12:00:00Z"),
         record("A/a.c3d", "2026-11-30T12:00:30Z", Outcome::Done, "k1", 7.5),
         record("A/b.c3d", "2026-11-30T13:00:00Z", Outcome::Failed, "k1", 1.0),
     ]);
     // a kill tore the last line off, and with it the news that a.c3d failed
-    let torn = format!("{early}{}", lines(&[record("A/a.c3d", "2026-11-30T23:00:00Z", Outcome::Failed, "k1", 1.0)]).trim_end());
-    let root = batch(
-        &[("11112222-0-of-1-2.jsonl", late), ("11112222-0-of-1-1.jsonl", torn)],
-        &["A/a.c3d", "A/b.c3d", "A/c.c3d"],
-        &[("A/a.c3d", sidecar())],
-    );
-    let (about, rows) = rows(root.path());
+    let torn = format!("{early}{}", &lines(&[record("A/a.c3d", "2026-11-30T23:00:00Z", Outcome::Failed, "k1", 1.0)])[..200]);
+    let ledgers = [("00000001-0-of-1-0002.jsonl", late), ("00000001-0-of-1-0001.jsonl", torn)];
+    let (_root, place) = batch(&ledgers, &[(1, &["A/a.c3d", "A/b.c3d", "A/c.c3d"])], &[("A/a.c3d", sidecar())]);
+    let (about, rows) = rows(&place, &Plans::Last);
     assert_eq!(rows.iter().map(|row| row.path.as_str()).collect::<Vec<_>>(), ["A/a.c3d", "A/b.c3d", "A/c.c3d"]);
     assert_eq!((rows[0].outcome, rows[0].elapsed_secs, rows[0].tries, rows[0].exit_code), (Some(Outcome::Skipped), Some(7.5), 1, Some(3)));
     assert_eq!(rows[0].sidecar, Some(sidecar()));
@@ -138,50 +170,69 @@ fn the_newest_record_wins_whichever_ledger_it_is_in() {
     // from 12:00:00 to 13:00:10, without a hole: the record of b.c3d came at 13:00:00
     assert_eq!(about.wall_secs, 3610.0);
     assert_eq!((about.attempts[0].stop.as_deref(), about.attempts[1].stop.as_deref()), (None, Some("complete")));
-    assert_eq!(about.plans[0].config, "method = 'auto'");
+    assert_eq!((about.plans[0].config.as_str(), about.plans[0].name.as_str()), ("method = 'auto'", "00000001"));
+}
+
+/// The same as one of a plan.
+fn of_plan(plan: u32, record: Record) -> Record {
+    let Record::Take(mut take) = record else { return record };
+    let (header, takes) = planned(plan, &[&take.path]);
+    take.planned = Some(takes[0].identity(&header));
+    Record::Take(take)
+}
+
+#[test]
+fn of_several_plans_the_one_that_was_run_last_counts_unless_another_is_asked_for() {
+    let first = lines(&[
+        begun(1, "2026-11-30T12:00:00Z"),
+        of_plan(1, record("a", "2026-11-30T12:00:01Z", Outcome::Done, "k1", 1.0)),
+        of_plan(1, record("b", "2026-11-30T12:00:02Z", Outcome::Quarantined, "k1", 1.0)),
+    ]);
+    let second = lines(&[begun(2, "2026-11-30T13:00:00Z"), of_plan(2, record("c", "2026-11-30T13:00:01Z", Outcome::Done, "k3", 1.0))]);
+    let ledgers = [("00000001-0-of-1-0001.jsonl", first), ("00000002-0-of-1-0001.jsonl", second)];
+    let (_root, place) = batch(&ledgers, &[(1, &["a", "b"]), (2, &["a", "c"])], &[]);
+    let told = |plans: &Plans| {
+        let (about, rows) = rows(&place, plans);
+        (about.attempts.len(), rows.into_iter().map(|row| (row.path, row.outcome)).collect::<Vec<_>>())
+    };
+    let take = |path: &str, outcome| (path.to_owned(), outcome);
+    assert_eq!(told(&Plans::Last), (1, vec![take("a", None), take("c", Some(Outcome::Done))]), "a is to be repaired otherwise");
+    assert_eq!(told(&Plans::Of("00000001".to_owned())), (1, vec![take("a", Some(Outcome::Done)), take("b", Some(Outcome::Quarantined))]));
+    let all = vec![take("a", Some(Outcome::Done)), take("b", Some(Outcome::Quarantined)), take("c", Some(Outcome::Done))];
+    assert_eq!(told(&Plans::All), (2, all));
+    for (wanted, problem) in [("9", "no plan that begins with 9"), ("0", "2 plans begin with 0")] {
+        let error = collect(&place, &Plans::Of(wanted.to_owned())).err().unwrap().to_string();
+        assert!(error.contains(problem), "{error}");
+    }
 }
 
 #[test]
 fn what_does_not_fit_is_left_out_and_told() {
     let text = format!(
         "{}not json\n{}",
-        lines(&[begun("2026-11-30T12:00:00Z"), record("a", "2026-11-30T12:00:01Z", Outcome::Done, "other", 1.0)]),
+        lines(&[begun(0, "2026-11-30T12:00:00Z"), record("a", "2026-11-30T12:00:01Z", Outcome::Done, "other", 1.0)]),
         lines(&[
             record("b", "2026-11-30T12:00:02Z", Outcome::Quarantined, "k1", 1.0),
             record("../c", "2026-11-30T12:00:03Z", Outcome::Done, "k1", 1.0),
             record("d", "2026-11-30T12:00:03Z", Outcome::Skipped, "k2", 0.0),
         ])
     );
-    let root = batch(&[("11112222-0-of-1-1.jsonl", text)], &[], &[("a", sidecar()), ("b", sidecar())]);
-    let (about, rows) = rows(root.path());
-    assert_eq!(rows.len(), 4);
+    let (root, place) = batch(&[("watch-0-of-1-0001.jsonl", text)], &[], &[("a", sidecar()), ("b", sidecar())]);
+    let collected = collect(&place, &Plans::Last).unwrap();
+    let rows: Vec<FleetRow> = collected.rows().collect();
+    assert_eq!(rows.len(), 4, "of a folder that is watched, whatever came");
     assert!(rows.iter().all(|row| row.sidecar.is_none()), "another key, no output, outside, not there");
+    assert_eq!(collected.unread().unwrap().0, 1, "outside");
     assert_eq!((rows[3].outcome, rows[3].elapsed_secs), (Some(Outcome::Skipped), None), "no record tells when d was done");
-    assert_eq!(about.remarks, ["1 line of the ledgers cannot be read and are left out"]);
     let out = root.path().join("report.html");
-    assert_eq!(write(rows.into_iter(), &about, &out, false).unwrap().without_numbers, 3);
-}
-
-#[test]
-fn names_do_not_lead_out_of_the_folder() {
-    let root = batch(&[], &[], &[("a", sidecar())]);
-    let folder = Folder(root.path().join(".mocap-repair"));
-    assert!(root.path().join("a.repair.json").is_file());
-    for name in ["../a.repair.json", "plans/../../a.repair.json", root.path().join("a.repair.json").to_str().unwrap(), ""] {
-        assert!(matches!(folder.read(name, 1 << 20), Ok(None)) && !folder.is_there(name, true), "{name}");
-    }
-    assert!(folder.read("plans/11112222.jsonl", 1 << 20).unwrap().is_some() && folder.read("plans/11112222.jsonl", 10).unwrap().is_none());
+    assert_eq!(write(rows.into_iter(), &collected.about, &out, false).unwrap().without_numbers, 3);
 }
 
 #[test]
 fn a_folder_without_a_batch_says_so() {
     let root = tempfile::tempdir().unwrap();
-    let folder = Folder(root.path().to_owned());
-    assert!(collect(&folder, None).err().unwrap().to_string().contains("is no output folder of a batch"));
-    let root = batch(&[], &["a"], &[]);
-    let folder = Folder(root.path().to_owned());
-    assert!(collect(&folder, Some("99")).err().unwrap().to_string().contains("has no plan 99"));
-    assert_eq!(collect(&folder, Some("11112222abcdef")).unwrap().takes(), 1);
+    let place = Place::parse(root.path().to_str().unwrap()).unwrap();
+    assert!(collect(&place, &Plans::Last).err().unwrap().to_string().contains("holds no batch"));
 }
 
 fn row(path: &str, sidecar: Option<Sidecar>) -> FleetRow {
