@@ -113,6 +113,7 @@ fn sidecar(path: &str, session: usize, at: usize) -> Sidecar {
         summary,
         markers,
         notes,
+        sidecar_sha256: String::new(), // comes when it is written
     }
 }
 

@@ -300,6 +300,8 @@ for (const name of ["some", "odd", "one", "none"]) {
       for (const details of await page.locator("details").all()) await details.evaluate((d) => (d.open = true));
       check(`${name}, ${scheme}: nor with everything unfolded at ${width} px`, await fits(page));
       const cut = await page.evaluate(() => [...document.querySelectorAll(".takes thead button, .tile-title, .bar-label, .badge")].filter((e) => e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).overflow !== "visible").map((e) => e.textContent));
+      const debris = (await page.locator("body").innerText()).match(/\b(null|undefined|NaN|false|true|Infinity)\b/);
+      check(`${name}, ${scheme}: nothing is said that means nothing`, !debris, debris);
       check(`${name}, ${scheme}: no title is cut at ${width} px`, cut.length === 0, cut);
       colours.add(await page.evaluate(() => getComputedStyle(document.body).backgroundColor));
       await page.getByRole("button", { name: scheme === "light" ? "Dark" : "Light", exact: true }).click();

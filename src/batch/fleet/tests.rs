@@ -40,6 +40,7 @@ pub(super) fn sidecar() -> Sidecar {
             worst_sigma_mm: Some(4.7),
         }],
         notes: vec![NoteSaid { kind: "unit_assumed".to_owned(), text: "millimetres are assumed".to_owned(), matters: true }],
+        sidecar_sha256: String::new(),
     }
 }
 
@@ -163,7 +164,7 @@ fn the_newest_record_wins_whichever_ledger_it_is_in() {
     let (about, rows) = rows(&place, &Plans::Last);
     assert_eq!(rows.iter().map(|row| row.path.as_str()).collect::<Vec<_>>(), ["A/a.c3d", "A/b.c3d", "A/c.c3d"]);
     assert_eq!((rows[0].outcome, rows[0].elapsed_secs, rows[0].tries, rows[0].exit_code), (Some(Outcome::Skipped), Some(7.5), 1, Some(3)));
-    assert_eq!(rows[0].sidecar, Some(sidecar()));
+    assert_eq!(rows[0].sidecar, Sidecar::parse(sidecar().text().as_bytes()));
     assert_eq!((rows[1].outcome, rows[1].sidecar.is_none()), (Some(Outcome::Done), true));
     assert_eq!((rows[2].outcome, rows[2].bytes, rows[2].tries), (None, 10, 0));
     assert_eq!((about.shared_folders, about.attempts.len(), about.done_in_runs), (1, 2, 2));

@@ -41,13 +41,13 @@ function head(batch) {
     tile("Quarantined", whole(counts[QUARANTINED]), "", counts[QUARANTINED] ? "not tried again" : "none", only(QUARANTINED), counts[QUARANTINED] ? "bad" : ""),
     tile("Failed", whole(counts[FAILED]), "", counts[FAILED] ? "the next run tries again" : "none", only(FAILED), counts[FAILED] ? "warn" : ""),
     tile("Not yet done", whole(counts[WAITING]), "", counts[WAITING] ? `${share(counts[WAITING])} of all` : "nothing is waiting", only(WAITING)),
-    tile("Recorded", duration(recorded).split(" ").slice(0, 1).join(""), duration(recorded).split(" ").slice(1).join(" "), `${large(samples)} samples`),
+    tile("Recorded", recorded > 0 ? duration(recorded).split(" ")[0] : DASH, recorded > 0 ? duration(recorded).split(" ").slice(1).join(" ") : "", `${large(samples)} samples`),
   ];
   const numberOf = (text) => text.replace(/ %$/, "");
   const second = [
     tile("Missing", samples > 0 ? numberOf(share(missing, samples)) : DASH, samples > 0 ? "%" : "", `${large(missing)} samples`, missing > 0 ? () => showTakes({ sorted: "share", down: true }) : null),
-    tile("Filled of that", missing > 0 ? numberOf(share(filled, missing)) : DASH, missing > 0 ? "%" : "", missing > 0 ? `${large(filled)} samples` : "nothing is missing"),
-    tile("Gaps left open", whole(open), "", open ? `in ${counted(withOpen, "take")}` : "every gap is filled", open > 0 ? () => showTakes({ sorted: "open", down: true }) : null, open ? "warn" : ""),
+    tile("Filled of that", missing > 0 ? numberOf(share(filled, missing)) : DASH, missing > 0 ? "%" : "", missing > 0 ? `${large(filled)} samples` : samples > 0 ? "nothing is missing" : "not known"),
+    tile("Gaps left open", samples > 0 ? whole(open) : DASH, "", open ? `in ${counted(withOpen, "take")}` : samples > 0 ? "every gap is filled" : "not known", open > 0 ? () => showTakes({ sorted: "open", down: true }) : null, open ? "warn" : ""),
     tile("Worst uncertainty, σ", sigma < 0 ? DASH : mm(column.sigma[sigma], false), sigma < 0 ? "" : "mm", sigma < 0 ? "not known" : split(batch.takes.paths[sigma])[1], sigma < 0 ? null : () => set({ details: sigma })),
     tile("Computing", elapsed > 0 ? duration(elapsed).split(" ")[0] : DASH, elapsed > 0 ? duration(elapsed).split(" ").slice(1).join(" ") : "", Number.isFinite(usual) ? `${duration(usual)} for the usual take` : "not known", Number.isFinite(usual) ? () => showTakes({ sorted: "elapsed", down: true }) : null),
     tile("Throughput", orDash(perHour, few), Number.isFinite(perHour) ? "takes/h" : "", Number.isFinite(perHour) ? `${counted(about.done_in_runs, "repair")} in ${duration(about.wall_secs)}` : "not known"),
@@ -68,7 +68,7 @@ function head(batch) {
     el("div", { className: "masthead" },
       el("div", {}, el("h1", {}, el("bdi", {}, about.name || "Batch")), el("p", { className: "facts" }, facts.filter(Boolean).join(" · "))),
       el("div", { className: "tools screen" }, el("button", { type: "button", className: "button", onclick: () => window.print() }, "Print"), themeButton())),
-    count > 0 && progress(counts, count),
+    count > 0 ? progress(counts, count) : "",
     el("ul", { className: "tiles fleet-tiles", "aria-label": "Summary" }, first, second),
     remarks(batch),
   );

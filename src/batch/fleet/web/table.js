@@ -101,6 +101,7 @@ function takesTable(batch) {
     const cut = order.length > MOST_ROWS ? `; the table shows the first ${whole(MOST_ROWS)}` : "";
     said.textContent = order.length === batch.count ? `${counted(batch.count, "take")}${cut}` : `${whole(order.length)} of ${counted(batch.count, "take")}${cut}`;
     empty.hidden = order.length > 0;
+    scroller.style.height = `min(70vh, 620px, ${(Math.min(order.length, 100) + 1) * ROW + 20}px)`;
     scroller.scrollTop = 0;
     inSight();
     printed.textContent = order.length > PRINTED ? `The first ${PRINTED} of ${counted(order.length, "take")}; all of them are in the table that lies beside this page.` : "";
