@@ -5,9 +5,11 @@
 //! - [`run`]: takes are handed out, tried again or put aside; [`engine`]: who runs them
 //! - [`take`]: one take, from its input to its place; [`job`]: what is said to its process
 //! - [`sidecar`]: what a finished take leaves beside its output; [`ledger`]: what was done when, append-only
+//! - [`fleet`]: the report on all of them, one page and one table
 //! - [`session`]: an output folder in use; [`memory`]: how much there is
 
 pub mod engine;
+pub mod fleet;
 pub mod job;
 pub mod ledger;
 pub mod memory;

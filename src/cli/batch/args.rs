@@ -24,6 +24,8 @@ pub enum BatchCommand {
     Run(RunArgs),
     /// Say how a batch stands
     Status(StatusArgs),
+    /// Write a report on all takes: one HTML page, and one table (CSV) beside it
+    Report(FleetArgs),
     /// Repair the takes of a folder as they come, when they have stopped growing
     #[command(after_help = RUN_AFTER_HELP)]
     Watch(WatchArgs),
@@ -126,6 +128,23 @@ pub struct StatusArgs {
     /// Say it as JSON lines, every take that was put aside among them
     #[arg(long)]
     pub json: bool,
+}
+
+/// `mocap-repair batch report`.
+#[derive(Debug, Args)]
+pub struct FleetArgs {
+    /// The folder or bucket that a batch was run into
+    #[arg(value_name = "DIR")]
+    pub out: String,
+    /// The page to write; the table beside it has the same name and .csv
+    #[arg(short, long, value_name = "PAGE.html", value_hint = ValueHint::FilePath)]
+    pub output: PathBuf,
+    /// The takes of another plan than the one that was run last: the beginning of its SHA-256, or "all"
+    #[arg(long, value_name = "SHA256")]
+    pub plan: Option<String>,
+    /// Replace a page and a table that exist
+    #[arg(long)]
+    pub force: bool,
 }
 
 /// `mocap-repair batch watch`.

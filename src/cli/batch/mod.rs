@@ -12,6 +12,7 @@ use crate::batch::BatchError;
 use crate::batch::engine::Engine;
 use crate::batch::engine::local::Local;
 use crate::batch::engine::ray::{Ray, Wish};
+use crate::batch::fleet::{self, Plans};
 use crate::batch::job::{Job, Said, TakeResult, Verdict};
 use crate::batch::ledger::{self, Begun, Stop};
 use crate::batch::plan::{Header, Plan, Shard, Wanted};
@@ -26,9 +27,10 @@ use crate::batch::take::{self, Files};
 use crate::batch::watch::Watched;
 use crate::batch::{memory, sources, told};
 use crate::repair::Request;
+use crate::report::count;
 use crate::solve::Observer;
 use crate::typeset::Style;
-use args::{EngineArg, EngineArgs, PlanArgs, RunArgs, StatusArgs, WatchArgs, WayArgs};
+use args::{EngineArg, EngineArgs, FleetArgs, PlanArgs, RunArgs, StatusArgs, WatchArgs, WayArgs};
 use clap::{CommandFactory, FromArgMatches};
 use std::ffi::OsString;
 use std::path::Path;
@@ -52,6 +54,7 @@ pub(super) fn command(command: &BatchCommand, interrupt: &AtomicBool, heed: fn()
             run_watch(args, interrupt)
         }
         BatchCommand::Status(args) => run_status(args),
+        BatchCommand::Report(args) => run_report(args),
     };
     done.unwrap_or_else(|(text, code)| {
         super::fail(&text, false);
@@ -291,6 +294,22 @@ pub(super) fn run_status(args: &StatusArgs) -> Result<u8, Refused> {
     let status = Status::read(&out).map_err(refused)?;
     super::print(&if args.json { status.json() } else { status.text(&out, &Style::of_stdout()) });
     Ok(status.exit_code())
+}
+
+pub(super) fn run_report(args: &FleetArgs) -> Result<u8, Refused> {
+    let plans = match args.plan.as_deref() {
+        None => Plans::Last,
+        Some("all") => Plans::All,
+        Some(sha256) => Plans::Of(sha256.to_owned()),
+    };
+    let collected = fleet::collect(&place(&args.out)?, &plans).map_err(refused)?;
+    let written = fleet::write(collected.rows(), &collected.about, &args.output, args.force).map_err(refused)?;
+    super::print(&format!("{} and {}: {}\n", written.html.display(), written.csv.display(), count(written.takes as usize, "take")));
+    if let Some((sidecars, error)) = collected.unread() {
+        super::fail(&format!("{error} ({} cannot be read; their numbers are missing)", count(sidecars, "sidecar")), false);
+        return Ok(3);
+    }
+    Ok(0)
 }
 
 /// `endless`: somebody has to end it at some time, which is as it should be.
