@@ -5,7 +5,8 @@ use crate::log::LogReadError;
 use crate::missing::MissingError;
 use crate::rig::map::MapError;
 use crate::verify::Broken;
-use formats::{DetectError, FormatError};
+use formats::{DetectError, FormatError, Problem};
+use std::io;
 use std::path::PathBuf;
 
 /// Why a take could not be repaired. Every text begins with the file it is about.
@@ -17,6 +18,16 @@ pub enum RepairError {
         /// Which.
         path: PathBuf,
         /// What was found, what was expected, the way out.
+        problem: String,
+    },
+    /// The system did not let a file be read or written.
+    #[error("{path}: {problem}", path = .path.display())]
+    System {
+        /// Which.
+        path: PathBuf,
+        /// What the system said.
+        kind: io::ErrorKind,
+        /// The same for people.
         problem: String,
     },
     /// The format is not known.
@@ -111,6 +122,22 @@ pub enum RepairError {
         /// What was left.
         log: Left,
     },
+}
+
+impl RepairError {
+    /// What the system said, if it was the system's fault and not that of a file.
+    pub fn system(&self) -> Option<io::ErrorKind> {
+        match self {
+            Self::System { kind, .. } => Some(*kind),
+            Self::Format { error: FormatError { problem: Problem::Io(error), .. }, .. } => Some(error.kind()),
+            _ => None,
+        }
+    }
+}
+
+/// True if there was no room to write to.
+pub(crate) fn is_full(kind: io::ErrorKind) -> bool {
+    matches!(kind, io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded)
 }
 
 /// The log that a repair left which came to nothing, if it left one.

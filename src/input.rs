@@ -109,14 +109,16 @@ pub fn expand(bytes: Vec<u8>, path: &Path) -> Result<Vec<u8>, RepairError> {
 /// It is not there, is a folder, is too large, or may not be read.
 pub fn read(path: &Path) -> Result<Vec<u8>, RepairError> {
     let wrong = |problem: String| RepairError::Io { path: path.to_owned(), problem };
-    let metadata = std::fs::metadata(path).map_err(|e| wrong(format!("cannot be read: {}", plain(&e))))?;
+    let refused =
+        |e: io::Error| RepairError::System { path: path.to_owned(), kind: e.kind(), problem: format!("cannot be read: {}", plain(&e)) };
+    let metadata = std::fs::metadata(path).map_err(refused)?;
     if metadata.is_dir() {
         return Err(wrong("is a folder; name one file in it".to_owned()));
     }
     if metadata.len() > formats::LARGEST_FILE {
         return Err(wrong(format!("has {} bytes, the largest file that is read has {}", metadata.len(), formats::LARGEST_FILE)));
     }
-    std::fs::read(path).map_err(|e| wrong(format!("cannot be read: {}", plain(&e))))
+    std::fs::read(path).map_err(refused)
 }
 
 /// An I/O error without the library's additions.
@@ -125,6 +127,20 @@ pub(crate) fn plain(error: &io::Error) -> String {
         io::ErrorKind::PermissionDenied => "permission denied".to_owned(),
         io::ErrorKind::NotFound => "no such file or folder".to_owned(),
         _ => error.to_string(),
+    }
+}
+
+/// SHA-256, hexadecimal, and size of a file, read block by block.
+pub(crate) fn hash_file(path: &Path) -> io::Result<(String, u64)> {
+    let mut file = std::fs::File::open(path)?;
+    let (mut hasher, mut block, mut bytes) = (Sha256::new(), vec![0; 1 << 18], 0);
+    loop {
+        let read = io::Read::read(&mut file, &mut block)?;
+        if read == 0 {
+            return Ok((hex(&hasher.finalize()), bytes));
+        }
+        hasher.update(block.get(..read).unwrap_or_default());
+        bytes += read as u64;
     }
 }
 

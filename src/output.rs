@@ -233,5 +233,5 @@ impl Names<'_> {
 }
 
 pub(crate) fn unwritable(path: &Path, error: &io::Error) -> RepairError {
-    RepairError::Io { path: path.to_owned(), problem: format!("cannot be written: {}", plain(error)) }
+    RepairError::System { path: path.to_owned(), kind: error.kind(), problem: format!("cannot be written: {}", plain(error)) }
 }

@@ -485,6 +485,7 @@ impl Request {
 
 impl Report {
     fn log_failed(&mut self, path: &Path, error: &LogError) {
+        self.log_refused = if let LogError::Io(error) = error { Some(error.kind()) } else { None };
         self.log_error = Some(format!("{}: {error}", path.display()));
     }
 }

@@ -254,6 +254,17 @@ pub fn table(titles: &[&str], rows: &[Vec<String>], style: &Style, dispensable: 
     lines
 }
 
+/// A time that does not pretend to be known to the second.
+pub fn rounded(secs: f64) -> String {
+    match secs {
+        s if s < 10.0 => format!("{:.0} s", s.ceil().max(1.0)),
+        s if s < 100.0 => format!("{:.0} s", (s / 5.0).ceil() * 5.0),
+        s if s < 5400.0 => format!("{:.0} min", (s / 60.0).ceil()),
+        s if s < 36_000.0 => format!("{:.1} h", s / 3600.0),
+        s => format!("{:.0} h", s / 3600.0),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -330,5 +341,12 @@ mod tests {
             table(&titles, &rows, &at(40), &[]),
             ["  marker                   gaps  samples", "  LKNE_of_the_second_sub…     3      120"]
         );
+    }
+
+    #[test]
+    fn times_are_round() {
+        for (secs, said) in [(0.0, "1 s"), (3.2, "4 s"), (12.0, "15 s"), (100.0, "2 min"), (1000.0, "17 min"), (9000.0, "2.5 h")] {
+            assert_eq!(rounded(secs), said);
+        }
     }
 }

@@ -2,7 +2,27 @@
 //!
 //! A run that is killed leaves a torn last line, which is not read. Nothing is ever changed or removed.
 
+use super::plan::Shard;
+use super::store::{Kind, Mode, Place, StoreError};
+use super::{BatchError, OWN_FOLDER};
+use crate::input::plain;
 use serde::{Deserialize, Serialize};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+/// Records are safe on the disk after this time at the latest ...
+const SYNC: Duration = Duration::from_secs(1);
+
+/// ... and in a bucket, where each time makes another object, after this.
+const SEND: Duration = Duration::from_secs(10);
+
+/// The longest line that is read, in bytes.
+const LONGEST_LINE: u64 = 1 << 20;
+
+/// The largest part of a ledger in a bucket, in bytes.
+const LARGEST_PART: u64 = 64 << 20;
 
 /// A line of a ledger.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -150,4 +170,168 @@ pub enum Stop {
     TooManyFailures,
     /// The engine is gone.
     Engine,
+}
+
+/// Where the ledgers are, below the output folder.
+pub fn folder() -> String {
+    format!("{OWN_FOLDER}/ledger")
+}
+
+/// The present time in UTC (RFC 3339).
+pub fn now() -> String {
+    humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string()
+}
+
+/// A ledger that is being written.
+pub struct Ledger {
+    /// Its number among those of its shard.
+    pub attempt: u32,
+    sink: Sink,
+    since: Instant,
+}
+
+enum Sink {
+    File(File),
+    /// Objects do not grow: each part is one of its own.
+    Bucket {
+        place: Place,
+        name: String,
+        part: u32,
+        waiting: Vec<u8>,
+    },
+}
+
+impl Ledger {
+    /// Begins the next attempt at a shard. `of`: what it is an attempt at, for the name.
+    ///
+    /// # Errors
+    /// The output folder or bucket cannot be written to.
+    pub fn begin(out: &Place, of: &str, shard: Shard, begun: Begun) -> Result<Self, StoreError> {
+        let place = out.join(&folder())?;
+        if let Some(folder) = place.folder() {
+            std::fs::create_dir_all(folder).map_err(|e| of_file(&e))?;
+        }
+        let stem = format!("{of}-{}-of-{}-", shard.index, shard.count);
+        let mut attempt = 1;
+        place.list(&mut |entry| {
+            let entry = entry?;
+            let number = entry.name.strip_prefix(&stem).and_then(|rest| rest.get(..4)?.parse::<u32>().ok());
+            attempt = attempt.max(number.map_or(1, |number| number + 1));
+            Ok(())
+        })?;
+        let first = crate::report::lines(&[Record::Begun(begun)]);
+        loop {
+            let name = format!("{stem}{attempt:04}");
+            let sink = if place.folder().is_some() {
+                let file = format!("{name}.jsonl");
+                place.write(&file, first.as_bytes(), Mode::Create)?.then(|| open_to_append(&place, &file)).transpose()?.map(Sink::File)
+            } else {
+                place.write(&format!("{name}/00000.jsonl"), first.as_bytes(), Mode::Create)?.then(|| Sink::Bucket {
+                    place: place.clone(),
+                    name,
+                    part: 1,
+                    waiting: Vec::new(),
+                })
+            };
+            // somebody else took the number
+            let Some(sink) = sink else {
+                attempt += 1;
+                continue;
+            };
+            return Ok(Self { attempt, sink, since: Instant::now() });
+        }
+    }
+
+    /// Adds a record.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn add(&mut self, record: &Record) -> Result<(), StoreError> {
+        let line = crate::report::lines(std::slice::from_ref(record));
+        let matters = !matches!(record, Record::Take(TakeRecord { outcome: Outcome::Done | Outcome::Skipped, .. }));
+        match &mut self.sink {
+            Sink::File(file) => {
+                file.write_all(line.as_bytes()).map_err(|e| of_file(&e))?;
+                if matters || self.since.elapsed() > SYNC {
+                    file.sync_data().map_err(|e| of_file(&e))?;
+                    self.since = Instant::now();
+                }
+            }
+            Sink::Bucket { waiting, .. } => {
+                waiting.extend_from_slice(line.as_bytes());
+                if matters || self.since.elapsed() > SEND {
+                    self.send()?;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn send(&mut self) -> Result<(), StoreError> {
+        if let Sink::Bucket { place, name, part, waiting } = &mut self.sink
+            && !waiting.is_empty()
+        {
+            place.write(&format!("{name}/{part:05}.jsonl"), waiting, Mode::Replace)?;
+            *part += 1;
+            waiting.clear();
+            self.since = Instant::now();
+        }
+        Ok(())
+    }
+}
+
+fn open_to_append(place: &Place, file: &str) -> Result<File, StoreError> {
+    let path = place.folder().unwrap_or(Path::new("")).join(file);
+    File::options().append(true).open(path).map_err(|e| of_file(&e))
+}
+
+fn of_file(error: &std::io::Error) -> StoreError {
+    let kind = if crate::error::is_full(error.kind()) { Kind::Full } else { Kind::Other };
+    StoreError { place: "the ledger".to_owned(), kind, problem: format!("cannot be written: {}", plain(error)) }
+}
+
+/// All records of all ledgers of an output folder or bucket, oldest attempts first. `each` gets the name of the ledger with every record.
+///
+/// # Errors
+/// A ledger cannot be read.
+pub fn read_all(out: &Place, each: &mut dyn FnMut(&str, Record)) -> Result<(), BatchError> {
+    let place = out.join(&folder())?;
+    let mut names = Vec::new();
+    if place.folder().is_some_and(|folder| !folder.exists()) {
+        return Ok(());
+    }
+    place.list(&mut |entry| {
+        let entry = entry?;
+        if entry.name.ends_with(".jsonl") && !entry.name.starts_with('.') {
+            names.push(entry.name);
+        }
+        Ok(())
+    })?;
+    names.sort();
+    for name in names {
+        let of = name.split('/').next().unwrap_or_default().trim_end_matches(".jsonl").to_owned();
+        let mut told = |lines: &mut dyn BufRead| read_lines(lines, &mut |record| each(&of, record));
+        if let Some(folder) = place.folder() {
+            let path = folder.join(&name);
+            let file = File::open(&path).map_err(|e| BatchError::at(&path, format!("cannot be read: {}", plain(&e))))?;
+            told(&mut BufReader::new(file)).map_err(|e| BatchError::at(&path, format!("cannot be read: {}", plain(&e))))?;
+        } else if let Some(bytes) = place.read(&name, LARGEST_PART)? {
+            told(&mut bytes.as_slice()).map_err(|e| BatchError::at(Path::new(&name), plain(&e)))?;
+        }
+    }
+    Ok(())
+}
+
+/// What is no record is left out: the torn end of a ledger whose run was killed.
+fn read_lines(mut lines: &mut dyn BufRead, each: &mut dyn FnMut(Record)) -> std::io::Result<()> {
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        if Read::by_ref(&mut lines).take(LONGEST_LINE).read_until(b'\n', &mut line)? == 0 {
+            return Ok(());
+        }
+        if let Ok(record) = serde_json::from_slice(&line) {
+            each(record);
+        }
+    }
 }

@@ -4,7 +4,6 @@
 //! It is put in place before the outputs are: a run that ends in between leaves a sidecar whose hashes fit nothing, and the take is done again.
 
 use crate::report::Report;
-use formats::{Role, Take};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -38,6 +37,9 @@ pub struct Sidecar {
     pub markers: Vec<MarkerSummary>,
     /// What was assumed, odd or lost.
     pub notes: Vec<NoteSaid>,
+    /// SHA-256 of the sidecar without this: one that was damaged is none.
+    #[serde(default)]
+    pub sidecar_sha256: String,
 }
 
 /// A file that was read.
@@ -138,14 +140,19 @@ pub fn key(input_sha256: &str, config_sha256: &str, version: &str) -> String {
 }
 
 impl Sidecar {
-    /// As it is written: one line.
+    /// As it is written: one line, with its own hash.
     pub fn text(&self) -> String {
-        crate::report::lines(std::slice::from_ref(self))
+        crate::report::lines(&[Self { sidecar_sha256: self.own_sha256(), ..self.clone() }])
     }
 
     /// Reads what [`Self::text`] wrote; `None` if it is anything else.
     pub fn parse(bytes: &[u8]) -> Option<Self> {
-        serde_json::from_slice(bytes).ok()
+        serde_json::from_slice(bytes).ok().filter(|read: &Self| read.own_sha256() == read.sidecar_sha256)
+    }
+
+    fn own_sha256(&self) -> String {
+        let bare = crate::report::lines(&[Self { sidecar_sha256: String::new(), ..self.clone() }]);
+        crate::input::hex(&Sha256::digest(bare))
     }
 }
 
@@ -177,18 +184,17 @@ impl Summary {
 
 impl MarkerSummary {
     /// One for every marker of a take, from what its repair reports.
-    pub fn all(take: &Take, report: &Report) -> Vec<Self> {
-        let mut all: Vec<Self> =
-            (0..take.markers.len()).map(|column| Self { label: take.display_label(column), ..Self::default() }).collect();
+    pub fn all(report: &Report) -> Vec<Self> {
+        let mut all: Vec<Self> = report.labels.iter().map(|(_, label)| Self { label: label.clone(), ..Self::default() }).collect();
         for gap in &report.gaps {
-            let Some(marker) = all.get_mut(gap.column) else { continue };
+            let Ok(at) = report.labels.binary_search_by_key(&gap.column, |(column, _)| *column) else { continue };
+            let Some(marker) = all.get_mut(at) else { continue };
             marker.missing += gap.frames as u64;
             marker.gaps += 1;
             marker.longest = marker.longest.max(gap.frames);
             marker.filled += if gap.open.is_none() { gap.frames as u64 } else { 0 };
             marker.worst_sigma_mm = [marker.worst_sigma_mm, gap.worst_sigma_mm].into_iter().flatten().reduce(f64::max);
         }
-        let roles = take.markers.iter().map(|marker| marker.role);
-        all.into_iter().zip(roles).filter(|(_, role)| *role == Role::Marker).map(|(marker, _)| marker).collect()
+        all
     }
 }

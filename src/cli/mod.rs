@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, clippy::print_stderr)] // this is where output belongs
 
 mod args;
+mod batch;
 mod config;
 mod fit;
 mod man;
@@ -100,6 +101,9 @@ enum Command {
     /// Find the motion of a body with a skeleton from the labelled markers that it wears, and write it as BVH
     #[command(after_help = fit::AFTER_HELP)]
     Solve(Box<SolveArgs>),
+    /// Many takes: plan them, repair them, account for each
+    #[command(subcommand)]
+    Batch(batch::BatchCommand),
     /// Take the layout for Foxglove or Lichtblick out of a log
     Layout(LayoutArgs),
     /// Make the report to look at from the log of a repair: one HTML file for any browser
@@ -179,6 +183,7 @@ fn run(interrupt: &AtomicBool, heed: fn()) -> u8 {
             run_track(&args, interrupt)
         }
         Some(Command::Solve(args)) => run_solve(&args),
+        Some(Command::Batch(command)) => batch::command(&command, interrupt, heed),
         Some(Command::Layout(args)) => written(log::extract_layout(&args.log, &args.output, args.force)),
         Some(Command::Report(args)) => written(page::report_of_log(&args.log, &args.output, args.force)),
         Some(Command::Demo { output, kind, frames, rate, seed, force }) => {

@@ -3,7 +3,7 @@
 //! Whoever works only says where it is; a thread of its own draws ten times a second what was said last.
 
 use crate::solve::{Meter, Observer, Outcome, Progress, Start, Step};
-use crate::typeset::{Style, Tone, columns, cut, is_dumb};
+use crate::typeset::{Style, Tone, columns, cut, is_dumb, rounded};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use std::fmt::Write;
 use std::io::IsTerminal;
@@ -232,17 +232,6 @@ impl Stage {
     }
 }
 
-/// A time that does not pretend to be known to the second.
-fn rounded(secs: f64) -> String {
-    match secs {
-        s if s < 10.0 => format!("{:.0} s", s.ceil().max(1.0)),
-        s if s < 100.0 => format!("{:.0} s", (s / 5.0).ceil() * 5.0),
-        s if s < 5400.0 => format!("{:.0} min", (s / 60.0).ceil()),
-        s if s < 36_000.0 => format!("{:.1} h", s / 3600.0),
-        s => format!("{:.0} h", s / 3600.0),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -310,13 +299,6 @@ mod tests {
                     assert!(columns(&line) < columns_there, "{} columns: {line}", columns(&line));
                 }
             }
-        }
-    }
-
-    #[test]
-    fn times_are_round() {
-        for (secs, said) in [(0.0, "1 s"), (3.2, "4 s"), (12.0, "15 s"), (100.0, "2 min"), (1000.0, "17 min"), (9000.0, "2.5 h")] {
-            assert_eq!(rounded(secs), said);
         }
     }
 }

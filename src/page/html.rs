@@ -14,6 +14,7 @@ const STYLES: &str = concat!(
     include_str!("vendor/uplot.min.css"),
     "\n",
     include_str!("web/style.css"),
+    include_str!("web/head.css"),
     include_str!("web/parts.css"),
     include_str!("web/plots.css")
 );
@@ -24,9 +25,11 @@ const SCRIPTS: [&str; 3] = [
     include_str!("vendor/ogl.min.js"),
     concat!(
         "(() => {\n\"use strict\";\n",
+        include_str!("web/unpack.js"),
         include_str!("web/data.js"),
         include_str!("web/words.js"),
         include_str!("web/state.js"),
+        include_str!("web/themes.js"),
         include_str!("web/charts.js"),
         include_str!("web/head.js"),
         include_str!("web/camera.js"),
@@ -100,24 +103,22 @@ pub(super) fn write(page: &Page) -> String {
     };
     // plain structs of numbers and strings always serialise
     let model = pack(serde_json::to_string(&model).unwrap_or_default().as_bytes());
-    let scripts = SCRIPTS.map(|script| ["<script>", script, "</script>\n"].concat()).concat();
+    document(SHELL, STYLES, &SCRIPTS, &[("title", &escaped(&page.source_name)), ("model", &model), ("positions", &packed.base64)])
+}
+
+/// A document of its shell, with the policy that allows these scripts and styles and nothing else. In the shell `{{name}}` is a place,
+/// for what stands in `places`, or for `styles`, `scripts` and `policy`.
+pub(crate) fn document(shell: &str, styles: &str, scripts: &[&str], places: &[(&str, &str)]) -> String {
+    let elements: String = scripts.iter().map(|script| ["<script>", script, "</script>\n"].concat()).collect();
     let policy = format!(
         "default-src 'none'; script-src {}; style-src {}; img-src data:; base-uri 'none'; form-action 'none'",
-        SCRIPTS.map(hash).join(" "),
-        hash(STYLES)
+        scripts.iter().map(|script| hash(script)).collect::<Vec<_>>().join(" "),
+        hash(styles)
     );
-    let title = escaped(&page.source_name);
-    let places = [
-        ("title", title.as_str()),
-        ("policy", &policy),
-        ("styles", STYLES),
-        ("model", &model),
-        ("positions", &packed.base64),
-        ("scripts", &scripts),
-    ];
-    let mut out = String::with_capacity(SHELL.len() + places.iter().map(|(_, text)| text.len()).sum::<usize>());
+    let places = [&[("policy", policy.as_str()), ("styles", styles), ("scripts", &elements)], places].concat();
+    let mut out = String::with_capacity(shell.len() + places.iter().map(|(_, text)| text.len()).sum::<usize>());
     // what is put in is not looked through for further places
-    for piece in SHELL.split("{{") {
+    for piece in shell.split("{{") {
         let (place, rest) = piece.split_once("}}").unwrap_or(("", piece));
         out.push_str(places.iter().find(|(name, _)| *name == place).map_or("", |(_, text)| text));
         out.push_str(rest);
@@ -131,7 +132,7 @@ fn hash(text: &str) -> String {
 }
 
 /// Text for an element.
-fn escaped(text: &str) -> String {
+pub(crate) fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in formats::printable(text).chars() {
         match c {

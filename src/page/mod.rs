@@ -7,13 +7,13 @@
 //! What happens in the browser is in `src/page/web/`, with the libraries in `src/page/vendor/`; `docs/report.md` is for readers.
 
 mod curves;
-mod html;
+pub(crate) mod html;
 mod of_body;
 mod of_fit;
 mod of_log;
 mod of_repair;
 mod of_track;
-mod pack;
+pub(crate) mod pack;
 mod positions;
 mod told;
 

@@ -32,21 +32,31 @@ impl Packer {
     pub fn add(&mut self, name: &'static str, numbers: &[i64]) {
         let before = self.bytes.len();
         for &number in numbers {
-            // 0, -1, 1, -2, 2, ... become 0, 1, 2, 3, 4, ...
-            let mut rest = ((number << 1) ^ (number >> 63)).cast_unsigned();
-            while rest >= 0x80 {
-                self.bytes.push((rest & 0x7f) as u8 | 0x80);
-                rest >>= 7;
-            }
-            self.bytes.push(rest as u8);
+            push(&mut self.bytes, number);
         }
         self.streams.push(Stream { name, bytes: self.bytes.len() - before });
+    }
+
+    /// Appends a stream that was made with [`push`].
+    pub fn add_bytes(&mut self, name: &'static str, bytes: &[u8]) {
+        self.bytes.extend_from_slice(bytes);
+        self.streams.push(Stream { name, bytes: bytes.len() });
     }
 
     /// The finished text.
     pub fn finish(self) -> Packed {
         Packed { streams: self.streams, base64: pack(&self.bytes) }
     }
+}
+
+/// Appends one number: 0, -1, 1, -2, 2, ... as 0, 1, 2, 3, 4, ..., seven bits a byte, the lowest first.
+pub fn push(bytes: &mut Vec<u8>, number: i64) {
+    let mut rest = ((number << 1) ^ (number >> 63)).cast_unsigned();
+    while rest >= 0x80 {
+        bytes.push((rest & 0x7f) as u8 | 0x80);
+        rest >>= 7;
+    }
+    bytes.push(rest as u8);
 }
 
 /// Zlib, then base 64: what a browser undoes by itself.

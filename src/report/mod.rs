@@ -140,12 +140,16 @@ impl Unmet {
 pub struct Report {
     /// The file that was read.
     pub input: PathBuf,
+    /// SHA-256 of it, hexadecimal.
+    pub input_sha256: String,
     /// The file that was written; `None` for a dry run.
     pub output: Option<PathBuf>,
     /// The log that was written.
     pub log: Option<PathBuf>,
     /// Why the log is not there although it was wanted.
     pub log_error: Option<String>,
+    /// What the system said, if that is why.
+    pub log_refused: Option<std::io::ErrorKind>,
     /// The table of filled samples.
     pub fills: Option<PathBuf>,
     /// The report to look at.
@@ -158,6 +162,8 @@ pub struct Report {
     pub frames: usize,
     /// Number of markers (model outputs not counted).
     pub markers: usize,
+    /// Columns that are markers, and their labels.
+    pub labels: Vec<(usize, String)>,
     /// Number of bones.
     pub bones: usize,
     /// True if the user stated them.
@@ -188,15 +194,21 @@ impl Report {
         let take = opened.document.take();
         Self {
             input: request.input.clone(),
+            input_sha256: opened.sha256.clone(),
             output: None,
             log: None,
             log_error: None,
+            log_refused: None,
             fills: request.fills.clone().filter(|_| !request.dry_run),
             page: request.page.clone().filter(|_| !request.dry_run),
             format: opened.format.info().name,
             rate_hz: take.rate_hz,
             frames: take.frames(),
             markers: take.markers.iter().filter(|m| m.role == formats::Role::Marker).count(),
+            labels: (0..take.markers.len())
+                .filter(|&column| take.markers[column].role == formats::Role::Marker)
+                .map(|column| (column, take.display_label(column)))
+                .collect(),
             bones: bones.len(),
             bones_stated,
             method: request.method.name(),

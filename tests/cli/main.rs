@@ -3,6 +3,7 @@
 //! - `repairing`: the main job, and the demonstration take
 //! - `converting`: `convert`, `.zst`, `--missing`, `--float`
 //! - `logs`: what is in the log on demand, and what is taken out of it
+//! - `batch`, `batch_killed`: many takes, and runs of them that are ended from outside
 //! - `auto`: what the default method says about its fills
 //! - `options`: what each option changes in the files
 //! - `outliers`: samples that no body makes
@@ -20,6 +21,8 @@
 #![allow(clippy::unwrap_used)] // A test program: it fails by panicking.
 
 mod auto;
+mod batch;
+mod batch_killed;
 mod config;
 mod converting;
 mod interruptions;

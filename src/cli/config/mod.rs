@@ -110,6 +110,14 @@ pub(super) fn with_file(command: &Command, words: &[OsString], given: &ArgMatche
     merged(command, words, given, path, text)
 }
 
+/// The same for options that were [settled](settled) before: `text` is what they were settled to.
+///
+/// # Errors
+/// It holds what is no option, or no value of one.
+pub(super) fn with_text(command: &Command, words: &[OsString], given: &ArgMatches, text: &str) -> Result<Vec<OsString>, String> {
+    merged(command, words, given, Path::new("options of the batch"), text)
+}
+
 /// The same, where `text` is what the file holds.
 fn merged(command: &Command, words: &[OsString], given: &ArgMatches, path: &Path, text: &str) -> Result<Vec<OsString>, String> {
     let unset: Vec<&String> = given.get_many("unset").unwrap_or_default().collect();
@@ -310,8 +318,17 @@ fn toml_value(arg: &Arg, word: &str) -> String {
 /// The options that shape the result, those that nobody said included, as TOML without comments: the same options give the same text.
 /// It says nothing about names of files that are written, nor about how is told what was done, and names files that are read without folders.
 pub(super) fn effective(command: &Command, matches: &ArgMatches) -> String {
+    shaping(command, matches, true)
+}
+
+/// The same with full names of files, if options came from a file with a full name: what [`with_text`] reads.
+pub(super) fn settled(command: &Command, matches: &ArgMatches) -> String {
+    shaping(command, matches, false)
+}
+
+fn shaping(command: &Command, matches: &ArgMatches, bare: bool) -> String {
     let mut out = String::new();
-    for entry in entries(command, matches, true).iter().filter(|entry| !entry.idle && !TELLING.contains(&entry.key)) {
+    for entry in entries(command, matches, bare).iter().filter(|entry| !entry.idle && !TELLING.contains(&entry.key)) {
         if let Some(value) = &entry.value {
             let _ = writeln!(out, "{} = {value}", entry.key); // a String takes everything
         }

@@ -30,17 +30,6 @@ function judgeBones(take) {
   });
 }
 
-/** One big number: what it is, the number, what it is about; a button if it leads somewhere. */
-function tile(title, value, unit, about, go, tone) {
-  const content = [
-    el("span", { className: "tile-title" }, title),
-    el("span", { className: "tile-value" }, value, unit && el("span", { className: "tile-unit" }, unit)),
-    el("span", { className: "tile-about" }, about || "\u00a0"),
-  ];
-  const className = `tile ${tone || ""}`;
-  return el("li", {}, go ? el("button", { type: "button", className, onclick: go }, content) : el("div", { className }, content));
-}
-
 function head({ model, take, gaps, bones }) {
   const { summary, take: about } = model;
   const samples = about.markers.length * about.frames;
@@ -82,15 +71,11 @@ function head({ model, take, gaps, bones }) {
         : tile("Worst bone error", "–", "", "no bone was touched"),
   ];
 
-  const theme = el("button", { type: "button", className: "button screen", onclick: () => set({ theme: state.theme === "dark" ? "light" : "dark" }) });
-  const name = () => (theme.textContent = state.theme === "dark" ? "Light" : "Dark");
-  listen("theme", name);
-  name();
   document.getElementById("top").append(
     el("div", { className: "masthead" },
       el("div", {}, el("h1", {}, model.source_name || "unnamed take"), el("p", { className: "facts" }, facts.filter(Boolean).join(" · "))),
       el("div", { className: "tools screen" },
-        el("button", { type: "button", className: "button", onclick: () => window.print() }, "Print"), theme)),
+        el("button", { type: "button", className: "button", onclick: () => window.print() }, "Print"), themeButton())),
     el("ul", { className: "tiles", "aria-label": "Summary" }, tiles),
   );
   const said = notes(model, take, judged);
@@ -122,12 +107,6 @@ function notes(model, take, judged) {
   lines.sort((a, b) => b[0] - a[0]);
   return el("ul", { className: "notes", "aria-label": "Notes" },
     lines.map(([matters, text]) => el("li", { className: matters ? "matters" : "" }, el("span", { className: "note-kind" }, matters ? "Look at" : "Note"), el("span", {}, text))));
-}
-
-/** With a capital and a full stop. */
-function sentence(text) {
-  const trimmed = text.trim();
-  return trimmed.charAt(0).toUpperCase() + trimmed.slice(1) + (/[.!?]$/.test(trimmed) ? "" : ".");
 }
 
 /** Samples that no body makes, if there are any: the largest first, a few at once. */

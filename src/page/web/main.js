@@ -1,32 +1,4 @@
-// Puts the page together, and keeps theme and paper.
-
-function themes() {
-  const system = window.matchMedia("(prefers-color-scheme: dark)");
-  const key = "mocap-repair-theme";
-  let chosen = null;
-  try {
-    chosen = localStorage.getItem(key);
-  } catch {
-    // a file may not be allowed to remember anything
-  }
-  state.theme = chosen === "dark" || chosen === "light" ? chosen : system.matches ? "dark" : "light";
-  dress();
-  system.addEventListener("change", () => chosen || set({ theme: system.matches ? "dark" : "light" }));
-  listen("theme", () => {
-    chosen = state.theme;
-    try {
-      localStorage.setItem(key, state.theme);
-    } catch {
-      // as above
-    }
-  });
-}
-
-function apologise(text) {
-  const main = document.getElementById("page");
-  main.replaceChildren(el("p", { className: "apology" }, text));
-  main.setAttribute("aria-busy", "false");
-}
+// Puts the page together, and keeps paper.
 
 async function start() {
   if (typeof DecompressionStream === "undefined") {

@@ -53,6 +53,23 @@ function clock(s) {
   return `${minutes}:${rest}`;
 }
 
+/** One big number: what it is, the number, what it is about; a button if it leads somewhere. */
+function tile(title, value, unit, about, go, tone) {
+  const content = [
+    el("span", { className: "tile-title" }, title),
+    el("span", { className: "tile-value" }, value, unit && el("span", { className: "tile-unit" }, unit)),
+    el("span", { className: "tile-about" }, about || "\u00a0"),
+  ];
+  const className = `tile ${tone || ""}`;
+  return el("li", {}, go ? el("button", { type: "button", className, onclick: go }, content) : el("div", { className }, content));
+}
+
+/** With a capital and a full stop. */
+function sentence(text) {
+  const trimmed = text.trim();
+  return trimmed.charAt(0).toUpperCase() + trimmed.slice(1) + (/[.!?]$/.test(trimmed) ? "" : ".");
+}
+
 const REASONS = {
   "never-seen": "the marker never appears",
   "at-end": "reaches the first or last frame",

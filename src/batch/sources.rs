@@ -1,0 +1,318 @@
+//! Where takes come from: folders, patterns, single files, lists, buckets.
+//!
+//! A file is a take if its extension (behind which `.zst` may stand) names a format. Everything else is counted and told.
+//! Files and folders whose names begin with a dot are not looked at, nor are output folders of batches.
+
+use super::store::{Place, StoreError};
+use super::{BatchError, OWN_FOLDER};
+use crate::compression;
+use crate::input::{hash_file, hex, plain};
+use rayon::prelude::*;
+use sha2::{Digest, Sha256};
+use std::collections::BTreeMap;
+use std::fs::Metadata;
+use std::path::{Path, PathBuf};
+use std::time::{SystemTime, UNIX_EPOCH};
+
+/// A take that was found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Found {
+    /// Its name in the batch, with `/`.
+    pub path: String,
+    /// An absolute path, or an address in a bucket.
+    pub source: String,
+    /// Size.
+    pub bytes: u64,
+    /// When it was last changed, nanoseconds since 1970.
+    pub modified_ns: Option<u64>,
+    /// What its bucket calls this version of it.
+    pub version: Option<String>,
+    /// Why it cannot even be tried.
+    pub problem: Option<String>,
+}
+
+/// What was found.
+#[derive(Debug, Default)]
+pub struct Findings {
+    /// The takes.
+    pub takes: Vec<Found>,
+    /// Files that are no takes, by their extensions.
+    pub others: BTreeMap<String, u64>,
+    /// Folders that are outputs of batches.
+    pub outputs: Vec<PathBuf>,
+    /// What could not be looked into, and why.
+    pub unreadable: Vec<String>,
+}
+
+/// Looks for takes in everything that is named. With more than one source, names begin with that of the source.
+///
+/// # Errors
+/// A source is not there, or a bucket cannot be listed.
+pub fn find(sources: &[String]) -> Result<Findings, BatchError> {
+    let mut findings = Findings::default();
+    let several = sources.len() > 1;
+    for source in sources {
+        let named = |name: Option<String>| if several { name.map_or(String::new(), |name| name + "/") } else { String::new() };
+        if is_address(source) {
+            find_in_bucket(source, &named, &mut findings)?;
+            continue;
+        }
+        let path = local(source)?;
+        if path.is_dir() {
+            let prefix = named(path.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned())));
+            walk(&path, &path, &prefix, &mut findings);
+        } else if path.exists() {
+            let root = path.parent().unwrap_or(Path::new("")).to_owned();
+            findings.add(&path, &root, "", &path.metadata().map_err(|e| BatchError::at(&path, plain(&e)))?);
+        } else if source.contains(['*', '?', '[']) {
+            find_by_pattern(source, &named, &mut findings)?;
+        } else {
+            return Err(BatchError::at(
+                &path,
+                "no such file or folder; name a folder, a take, a pattern in quotes or the address of a bucket",
+            ));
+        }
+    }
+    findings.settle();
+    Ok(findings)
+}
+
+/// The lines of a list: one source each, `#` begins a comment. Names begin below what all of them have in common.
+///
+/// # Errors
+/// The list cannot be read, or what it names is not there.
+pub fn find_listed(list: &Path) -> Result<Findings, BatchError> {
+    let bytes = crate::input::read(list).map_err(BatchError::from)?;
+    let text =
+        String::from_utf8(bytes).map_err(|_| BatchError::at(list, "is not UTF-8 text; a list has one path or address on each line"))?;
+    let folder = list.parent().unwrap_or(Path::new(""));
+    let mut findings = Findings::default();
+    for (at, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if line.is_empty() || line.starts_with('#') {
+            continue;
+        }
+        if is_address(line) {
+            find_in_bucket(line, &|_| String::new(), &mut findings)?;
+            if let Some(take) = findings.takes.last_mut() {
+                take.path = after_scheme(line).to_owned();
+            }
+            continue;
+        }
+        let path = absolute(&folder.join(line))?;
+        let metadata = path.metadata().map_err(|e| BatchError::at(list, format!("line {}: {line}: {}", at + 1, plain(&e))))?;
+        if metadata.is_dir() {
+            walk(&path, Path::new("/"), "", &mut findings);
+        } else {
+            findings.add(&path, Path::new("/"), "", &metadata);
+        }
+    }
+    let common = common_folders(findings.takes.iter().map(|take| take.path.as_str()));
+    for take in &mut findings.takes {
+        take.path.drain(..common);
+    }
+    findings.settle();
+    Ok(findings)
+}
+
+/// The length of the folders that all paths begin with, the last `/` included.
+fn common_folders<'a>(mut paths: impl Iterator<Item = &'a str>) -> usize {
+    let Some(first) = paths.next() else { return 0 };
+    let folder = |path: &str| path.rfind('/').map_or(0, |end| end + 1);
+    paths.fold(folder(first), |common, path| {
+        let alike = first.bytes().zip(path.bytes()).take(common).take_while(|(a, b)| a == b).count();
+        folder(first.get(..alike).unwrap_or_default())
+    })
+}
+
+/// True if the extension names a format of takes.
+pub fn is_take(name: &Path) -> bool {
+    let inner = compression::inner_name(name);
+    inner.extension().and_then(|e| e.to_str()).is_some_and(|extension| formats::by_extension(extension).is_some())
+}
+
+/// All takes below a folder. `root`: what names are taken from.
+pub fn walk(folder: &Path, root: &Path, prefix: &str, findings: &mut Findings) {
+    let hidden = |entry: &walkdir::DirEntry| entry.depth() > 0 && entry.file_name().as_encoded_bytes().starts_with(b".");
+    let mut entries = walkdir::WalkDir::new(folder).follow_links(true).sort_by_file_name().into_iter();
+    while let Some(entry) = entries.next() {
+        match entry {
+            Ok(entry) if hidden(&entry) => {
+                if entry.file_type().is_dir() {
+                    entries.skip_current_dir();
+                }
+            }
+            Ok(entry) if entry.file_type().is_dir() => {
+                if entry.path().join(OWN_FOLDER).is_dir() {
+                    findings.outputs.push(entry.path().to_owned());
+                    entries.skip_current_dir();
+                }
+            }
+            Ok(entry) if entry.file_type().is_file() => match entry.metadata() {
+                Ok(metadata) => findings.add(entry.path(), root, prefix, &metadata),
+                Err(error) => findings.unreadable.push(format!("{}: {error}", entry.path().display())),
+            },
+            Ok(_) => {} // a device, a pipe
+            Err(error) => findings.unreadable.push(error.to_string()),
+        }
+    }
+}
+
+fn find_by_pattern(source: &str, named: &impl Fn(Option<String>) -> String, findings: &mut Findings) -> Result<(), BatchError> {
+    let wrong = |problem: String| BatchError::at(Path::new(source), problem);
+    let literal = source.find(['*', '?', '[']).and_then(|wild| source.get(..wild)).unwrap_or_default();
+    let root = absolute(Path::new(literal.rfind('/').and_then(|end| literal.get(..=end)).unwrap_or(".")))?;
+    let prefix = named(root.file_name().map(|name| name.to_string_lossy().into_owned()));
+    let mut matched = false;
+    for path in glob::glob(source).map_err(|e| wrong(format!("is no pattern: {e}")))? {
+        matched = true;
+        match path {
+            Ok(path) => {
+                let path = absolute(&path)?;
+                match path.metadata() {
+                    Ok(metadata) if metadata.is_dir() => walk(&path, &root, &prefix, findings),
+                    Ok(metadata) => findings.add(&path, &root, &prefix, &metadata),
+                    Err(error) => findings.unreadable.push(format!("{}: {}", path.display(), plain(&error))),
+                }
+            }
+            Err(error) => findings.unreadable.push(error.to_string()),
+        }
+    }
+    if matched { Ok(()) } else { Err(wrong("fits nothing".to_owned())) }
+}
+
+fn find_in_bucket(source: &str, named: &impl Fn(Option<String>) -> String, findings: &mut Findings) -> Result<(), BatchError> {
+    let trimmed = source.trim_end_matches('/');
+    let last = trimmed.rsplit('/').next().unwrap_or_default();
+    if is_take(Path::new(last))
+        && let Some((parent, name)) = trimmed.rsplit_once('/')
+    {
+        let entry = Place::parse(parent)?.entry(name)?;
+        let entry = entry.ok_or_else(|| BatchError::at(Path::new(source), "no such object; is the name right?"))?;
+        findings.takes.push(Found {
+            path: name.to_owned(),
+            source: trimmed.to_owned(),
+            bytes: entry.bytes,
+            modified_ns: None,
+            version: entry.version,
+            problem: None,
+        });
+        return Ok(());
+    }
+    let place = Place::parse(trimmed)?;
+    let prefix = named(Some(last.to_owned()));
+    place.list(&mut |entry| {
+        let entry = match entry {
+            Ok(entry) => entry,
+            Err(error) => {
+                findings.unreadable.push(error.to_string());
+                return Ok(());
+            }
+        };
+        if entry.name.split('/').any(|part| part.starts_with('.')) {
+            return Ok::<(), StoreError>(());
+        }
+        if !is_take(Path::new(&entry.name)) {
+            findings.count(Path::new(&entry.name));
+            return Ok(());
+        }
+        findings.takes.push(Found {
+            path: format!("{prefix}{}", entry.name),
+            source: format!("{trimmed}/{}", entry.name),
+            bytes: entry.bytes,
+            modified_ns: None,
+            version: entry.version,
+            problem: None,
+        });
+        Ok(())
+    })?;
+    Ok(())
+}
+
+/// True for `s3://...` and the like, but not for files.
+pub fn is_address(source: &str) -> bool {
+    source.contains("://") && !source.starts_with("file://")
+}
+
+fn after_scheme(address: &str) -> &str {
+    address.split_once("://").map_or(address, |(_, rest)| rest)
+}
+
+/// The absolute path of a file or folder that was typed, be it as `file://`.
+pub fn local(source: &str) -> Result<PathBuf, BatchError> {
+    if source.starts_with("file://") {
+        return Ok(Place::parse(source)?.folder().map(Path::to_owned).unwrap_or_default());
+    }
+    absolute(Path::new(source))
+}
+
+fn absolute(path: &Path) -> Result<PathBuf, BatchError> {
+    std::path::absolute(path).map_err(|e| BatchError::at(path, plain(&e)))
+}
+
+/// When a file was last changed, in nanoseconds since 1970.
+pub fn modified_ns(metadata: &Metadata) -> Option<u64> {
+    let since = metadata.modified().ok().and_then(|time: SystemTime| time.duration_since(UNIX_EPOCH).ok())?;
+    u64::try_from(since.as_nanos()).ok()
+}
+
+impl Findings {
+    fn add(&mut self, path: &Path, root: &Path, prefix: &str, metadata: &Metadata) {
+        if !is_take(path) {
+            self.count(path);
+            return;
+        }
+        let inside = path.strip_prefix(root).unwrap_or(path);
+        let name = inside.iter().map(|part| part.to_string_lossy()).collect::<Vec<_>>().join("/");
+        let (mut name, mut problem) = (format!("{prefix}{}", name.trim_start_matches('/')), None);
+        if path.to_str().is_none() {
+            // such names differ in what cannot be written down
+            name.push_str(&format!("~{}", &hex(&Sha256::digest(path.as_os_str().as_encoded_bytes()))[..8]));
+            problem = Some("its name is not UTF-8 text, so it cannot be written into a plan; rename it".to_owned());
+        }
+        self.takes.push(Found {
+            path: name,
+            source: path.to_string_lossy().into_owned(),
+            bytes: metadata.len(),
+            modified_ns: modified_ns(metadata),
+            version: None,
+            problem,
+        });
+    }
+
+    fn count(&mut self, name: &Path) {
+        let extension = name.extension().map_or("none".to_owned(), |e| format!(".{}", e.to_string_lossy().to_lowercase()));
+        *self.others.entry(extension).or_default() += 1;
+    }
+
+    /// Sorted by path; what was named twice is there once.
+    fn settle(&mut self) {
+        self.takes.sort_by(|a, b| (&a.source, &a.path).cmp(&(&b.source, &b.path)));
+        self.takes.dedup_by(|later, kept| later.source == kept.source);
+        self.takes.sort_by(|a, b| (&a.path, &a.source).cmp(&(&b.path, &b.source)));
+        // takes of one name from different sources must not be one take
+        let mut before = String::new();
+        for take in &mut self.takes {
+            if take.path == before {
+                let mark = hex(&Sha256::digest(&take.source));
+                let end = take.path.rfind('/').map_or(0, |end| end + 1);
+                take.path.insert_str(end, &format!("{}~", &mark[..8]));
+            } else {
+                before.clone_from(&take.path);
+            }
+        }
+    }
+}
+
+/// SHA-256 of each take that lies in a folder and can be read, on all cores.
+pub fn hashes(takes: &[Found]) -> Vec<Option<String>> {
+    takes
+        .par_iter()
+        .map(|take| {
+            if is_address(&take.source) || take.problem.is_some() || take.bytes > formats::LARGEST_FILE {
+                return None;
+            }
+            hash_file(Path::new(&take.source)).ok().map(|(sha256, _)| sha256)
+        })
+        .collect()
+}

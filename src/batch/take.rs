@@ -1,0 +1,330 @@
+//! One take of a batch, from its input to its place in the output tree: what the process does that is started for it.
+//!
+//! Everything is made in a folder of its own and gets its name at the end: the sidecar first, the repaired take last.
+//! Whatever happens in between, a take counts as done only if its sidecar's hashes fit what lies there.
+
+use super::job::{Job, TakeResult, Verdict};
+use super::memory;
+use super::naming::beside;
+use super::plan::{PlannedTake, Wanted};
+use super::sidecar::{self, InputFile, MarkerSummary, NoteSaid, OutputFile, Sidecar, Summary};
+use super::sources::{is_address, modified_ns};
+use super::store::{Kind, Mode, Place, StoreError};
+use crate::error::is_full;
+use crate::input::{hash_file, plain};
+use crate::repair::{RepairError, Request, repair};
+use crate::report::Report;
+use crate::solve::Observer;
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+/// The files of one repair.
+#[derive(Clone, Debug)]
+pub struct Files {
+    /// The take.
+    pub input: PathBuf,
+    /// The repaired take.
+    pub output: PathBuf,
+    /// The log.
+    pub log: Option<PathBuf>,
+    /// The report to look at.
+    pub page: Option<PathBuf>,
+    /// The table of filled samples.
+    pub fills: Option<PathBuf>,
+}
+
+/// Makes what is to be repaired out of files and options (TOML).
+pub type RequestOf<'a> = dyn Fn(&Files, &str) -> Result<Request, String> + 'a;
+
+/// Whether a take is done already.
+#[derive(Debug)]
+pub enum Check {
+    /// Its key and the hashes of all its outputs are as they should be.
+    Done(Box<Sidecar>),
+    /// It is to be done.
+    ToDo,
+    /// Its input is not what was planned.
+    Changed(String),
+}
+
+/// Looks whether a take is done: its sidecar has the right key, and everything that is wanted lies there with the right hash.
+///
+/// # Errors
+/// The output folder or bucket does not answer.
+pub fn check(out: &Place, take: &PlannedTake, config_sha256: &str, version: &str, wanted: Wanted) -> Result<Check, StoreError> {
+    let sha256 = match still_planned(take) {
+        Ok(sha256) => sha256,
+        Err(problem) => return Ok(Check::Changed(problem)),
+    };
+    let Some(sidecar) = read_sidecar(out, &take.output)? else { return Ok(Check::ToDo) };
+    let same_input = match &sha256 {
+        Some(sha256) => sidecar.input.sha256 == *sha256,
+        None => take.version.is_some() && sidecar.input.version == take.version && sidecar.input.bytes == take.bytes,
+    };
+    let key = sidecar::key(&sidecar.input.sha256, config_sha256, version);
+    if !same_input || sidecar.key != key || sidecar.path != take.path || !has_all(&sidecar, &take.output, wanted) {
+        return Ok(Check::ToDo);
+    }
+    let folder = take.output.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
+    for output in &sidecar.outputs {
+        if out.sha256(&format!("{folder}{}", output.name))? != Some((output.sha256.clone(), output.bytes)) {
+            return Ok(Check::ToDo);
+        }
+    }
+    Ok(Check::Done(Box::new(sidecar)))
+}
+
+/// The SHA-256 of a take that lies in a folder, if it still is what was planned; `None` if it is not known before it is read.
+fn still_planned(take: &PlannedTake) -> Result<Option<String>, String> {
+    let Some(planned) = take.sha256.as_ref().filter(|_| !is_address(&take.source)) else { return Ok(None) };
+    let Ok(metadata) = std::fs::metadata(&take.source) else { return Ok(None) }; // whoever opens it will say why
+    if metadata.len() == take.bytes && modified_ns(&metadata) == take.modified_ns {
+        return Ok(Some(planned.clone()));
+    }
+    match hash_file(Path::new(&take.source)) {
+        Ok((sha256, _)) if sha256 == *planned => Ok(Some(sha256)),
+        Ok(_) => Err(changed(&take.source)),
+        Err(_) => Ok(None),
+    }
+}
+
+fn changed(source: &str) -> String {
+    format!("{source}: is not what it was when it was planned; plan again")
+}
+
+fn read_sidecar(out: &Place, output: &str) -> Result<Option<Sidecar>, StoreError> {
+    Ok(out.read(&beside(output, sidecar::EXTENSION), sidecar::LARGEST)?.and_then(|bytes| Sidecar::parse(&bytes)))
+}
+
+fn has_all(sidecar: &Sidecar, output: &str, wanted: Wanted) -> bool {
+    let name = file_name(output);
+    let has = |name: &str| sidecar.outputs.iter().any(|file| file.name == name);
+    let extensions = [(wanted.log, "mcap"), (wanted.report, "html"), (wanted.fills, "fills.csv")];
+    has(name) && extensions.iter().all(|(wanted, extension)| !wanted || has(&beside(name, extension)))
+}
+
+/// Repairs a take and puts everything into its place.
+pub fn run(job: &Job, request_of: &RequestOf<'_>, watch: &mut dyn Observer) -> TakeResult {
+    let mut key = None;
+    let made = make(job, request_of, watch, &mut key);
+    let (outcome, reason, exit_code, summary) = match made {
+        Ok(Made::New(report_code, summary)) => (Verdict::Done, None, Some(report_code), Some(summary)),
+        Ok(Made::Already(sidecar)) => {
+            key = Some(sidecar.key);
+            (Verdict::Skipped, None, Some(sidecar.exit_code), Some(sidecar.summary))
+        }
+        // the record says which take it is about
+        Err((verdict, reason)) => {
+            let prefix = format!("{}: ", job.take.source);
+            (verdict, Some(reason.strip_prefix(&prefix).map_or(reason.clone(), str::to_owned)), None, None)
+        }
+    };
+    TakeResult { outcome, reason, exit_code, key, peak_bytes: memory::most_taken(), summary }
+}
+
+enum Made {
+    New(u8, Summary),
+    Already(Sidecar),
+}
+
+type Refused = (Verdict, String);
+
+fn make(job: &Job, request_of: &RequestOf<'_>, watch: &mut dyn Observer, key: &mut Option<String>) -> Result<Made, Refused> {
+    let take = &job.take;
+    let version = env!("CARGO_PKG_VERSION");
+    let out = Place::parse(&job.out).map_err(|e| of_store(&e))?;
+    // whoever hands out takes may not see what lies there, or somebody else did it in the meantime
+    match check(&out, take, &job.config_sha256, version, job.wanted).map_err(|e| of_store(&e))? {
+        Check::Done(sidecar) => return Ok(Made::Already(*sidecar)),
+        Check::Changed(problem) => return Err((Verdict::Failed, problem)),
+        Check::ToDo => {}
+    }
+    let before = read_sidecar(&out, &take.output).map_err(|e| of_store(&e))?;
+    // one that is damaged still says that what lies there comes from a batch
+    let ours = before.is_some() || out.exists(&beside(&take.output, sidecar::EXTENSION)).map_err(|e| of_store(&e))?;
+    if !ours && !job.force && out.exists(&take.output).map_err(|e| of_store(&e))? {
+        let there = format!("{out}/{}", take.output);
+        let problem = format!(
+            "{there}: exists already and does not come from a batch; move it away, choose another --out, or say --force to replace it"
+        );
+        return Err((Verdict::Failed, problem));
+    }
+
+    let work = Work::new(&out, &job.work).map_err(|e| of_io(&e, &job.out))?;
+    let input = fetched(take, &work, watch)?;
+    let made = work.path.join("out");
+    std::fs::create_dir(&made).map_err(|e| of_io(&e, &job.out))?;
+    let name = file_name(&take.output);
+    let file = |wanted: bool, extension: &str| wanted.then(|| made.join(beside(name, extension)));
+    let files = Files {
+        input,
+        output: made.join(name),
+        log: file(job.wanted.log, "mcap"),
+        page: file(job.wanted.report, "html"),
+        fills: file(job.wanted.fills, "fills.csv"),
+    };
+    let request = request_of(&files, &job.config).map_err(|problem| (Verdict::BadInput, problem))?;
+    let report = repair(&request, watch, &AtomicBool::new(false)).map_err(|error| of_repair(&error, &files, take))?;
+    *key = Some(sidecar::key(&report.input_sha256, &job.config_sha256, version));
+    accept(&report, take)?;
+
+    watch.phase("putting it in place");
+    let written = [Some(&files.output), files.log.as_ref(), files.page.as_ref(), files.fills.as_ref()];
+    let outputs: Result<Vec<OutputFile>, Refused> =
+        written.into_iter().flatten().map(|path| output_file(path).map_err(|e| of_io(&e, &job.out))).collect();
+    let sidecar = Sidecar {
+        version: version.to_owned(),
+        key: key.clone().unwrap_or_default(),
+        path: take.path.clone(),
+        input: InputFile {
+            name: file_name(&take.path).to_owned(),
+            bytes: take.bytes,
+            sha256: report.input_sha256.clone(),
+            version: take.version.clone(),
+        },
+        config_sha256: job.config_sha256.clone(),
+        outputs: outputs?,
+        exit_code: report.exit_code(),
+        summary: Summary::new(&report),
+        markers: MarkerSummary::all(&report),
+        notes: report.notes.iter().map(|n| NoteSaid { kind: n.kind().to_owned(), text: n.to_string(), matters: n.matters() }).collect(),
+        sidecar_sha256: String::new(),
+    };
+    // nobody's file is replaced but one of an earlier run
+    let mode = if ours || job.force { Mode::Replace } else { Mode::Create };
+    place(&out, &take.output, &made, &sidecar, before.as_ref(), mode)?;
+    Ok(Made::New(sidecar.exit_code, sidecar.summary))
+}
+
+/// The take as a file here: itself, or a copy of what lies in a bucket.
+fn fetched(take: &PlannedTake, work: &Work, watch: &mut dyn Observer) -> Result<PathBuf, Refused> {
+    if !is_address(&take.source) {
+        return Ok(PathBuf::from(&take.source));
+    }
+    watch.phase("fetching it");
+    let folder = work.path.join("in");
+    std::fs::create_dir(&folder).map_err(|e| of_io(&e, &take.source))?;
+    let file = folder.join(file_name(&take.source));
+    let (parent, name) = take.source.rsplit_once('/').unwrap_or(("", &take.source));
+    Place::parse(parent).and_then(|place| place.fetch(name, &file)).map_err(|e| of_store(&e))?;
+    let bytes = std::fs::metadata(&file).map_err(|e| of_io(&e, &take.source))?.len();
+    if bytes == take.bytes { Ok(file) } else { Err((Verdict::Failed, changed(&take.source))) }
+}
+
+/// A repair that went well and is no good all the same.
+fn accept(report: &Report, take: &PlannedTake) -> Result<(), Refused> {
+    if take.sha256.as_ref().is_some_and(|planned| *planned != report.input_sha256) {
+        return Err((Verdict::Failed, changed(&take.source)));
+    }
+    if let Some(error) = &report.log_error {
+        let full = report.log_refused.is_some_and(is_full);
+        return Err((if full { Verdict::DiskFull } else { Verdict::Again }, error.clone()));
+    }
+    let samples = report.frames * report.markers;
+    if samples > 0 && report.missing_samples() == samples {
+        let (frames, markers) = (report.frames, report.markers);
+        let problem = format!(
+            "{}: no marker was ever seen: all {markers} are missing in all {frames} frames, so there is nothing to fill from",
+            take.source
+        );
+        return Err((Verdict::BadInput, problem));
+    }
+    Ok(())
+}
+
+/// Gives everything its name: the sidecar first, the repaired take last.
+fn place(out: &Place, output: &str, made: &Path, sidecar: &Sidecar, before: Option<&Sidecar>, mode: Mode) -> Result<(), Refused> {
+    let folder = output.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
+    let refused = |e: StoreError| of_store(&e);
+    let sidecar_name = beside(output, sidecar::EXTENSION);
+    let sidecar_file = made.join(file_name(&sidecar_name));
+    std::fs::write(&sidecar_file, sidecar.text()).map_err(|e| of_io(&e, output))?;
+    out.put(&sidecar_name, &sidecar_file, Mode::Replace).map_err(refused)?;
+    for file in sidecar.outputs.iter().skip(1) {
+        out.put(&format!("{folder}{}", file.name), &made.join(&file.name), Mode::Replace).map_err(refused)?;
+    }
+    if !out.put(output, &made.join(file_name(output)), mode).map_err(refused)? {
+        let there = out.sha256(output).map_err(refused)?;
+        // another run of the same take was quicker
+        if there.as_ref().map(|(sha256, _)| sha256) != sidecar.outputs.first().map(|file| &file.sha256) {
+            out.remove(&sidecar_name).map_err(refused)?;
+            return Err((Verdict::Failed, format!("{out}/{output}: was put there by somebody else in the meantime")));
+        }
+    }
+    let stale = before.iter().flat_map(|before| &before.outputs).filter(|old| !sidecar.outputs.iter().any(|new| new.name == old.name));
+    for old in stale {
+        out.remove(&format!("{folder}{}", old.name)).map_err(refused)?;
+    }
+    Ok(())
+}
+
+/// A folder for files that have not got their names yet. It goes when it is dropped, or before the next run of its shard.
+struct Work {
+    path: PathBuf,
+    _held: Option<tempfile::TempDir>,
+}
+
+impl Work {
+    /// Below the output folder, so that names cost nothing; or, for a bucket, where temporary files are.
+    fn new(out: &Place, name: &str) -> io::Result<Self> {
+        let Some(folder) = out.folder() else {
+            let held = tempfile::Builder::new().prefix("mocap-repair-").tempdir()?;
+            return Ok(Self { path: held.path().to_owned(), _held: Some(held) });
+        };
+        let path = folder.join(name);
+        if path.exists() {
+            std::fs::remove_dir_all(&path)?;
+        }
+        std::fs::create_dir_all(&path)?;
+        Ok(Self { path, _held: None })
+    }
+}
+
+impl Drop for Work {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.path); // the next run tries again
+    }
+}
+
+fn file_name(path: &str) -> &str {
+    path.rsplit_once('/').map_or(path, |(_, name)| name)
+}
+
+fn output_file(path: &Path) -> io::Result<OutputFile> {
+    let (sha256, bytes) = hash_file(path)?;
+    Ok(OutputFile { name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(), bytes, sha256 })
+}
+
+fn of_store(error: &StoreError) -> Refused {
+    let verdict = match error.kind {
+        Kind::Full => Verdict::DiskFull,
+        Kind::Again => Verdict::Again,
+        Kind::NotFound | Kind::Denied | Kind::Unsupported | Kind::Other => Verdict::Failed,
+    };
+    (verdict, error.to_string())
+}
+
+fn of_io(error: &io::Error, place: &str) -> Refused {
+    let verdict = match error.kind() {
+        kind if is_full(kind) => Verdict::DiskFull,
+        io::ErrorKind::PermissionDenied | io::ErrorKind::NotFound | io::ErrorKind::ReadOnlyFilesystem => Verdict::Failed,
+        _ => Verdict::Again,
+    };
+    (verdict, format!("{place}: {}", plain(error)))
+}
+
+/// What the system refuses may go well another time; everything else is the input's fault.
+fn of_repair(error: &RepairError, files: &Files, take: &PlannedTake) -> Refused {
+    let verdict = match error.system() {
+        Some(kind) if is_full(kind) => Verdict::DiskFull,
+        Some(io::ErrorKind::PermissionDenied | io::ErrorKind::NotFound | io::ErrorKind::ReadOnlyFilesystem) => Verdict::Failed,
+        Some(_) => Verdict::Again,
+        None if matches!(error, RepairError::Interrupted { .. }) => Verdict::Again,
+        None => Verdict::BadInput,
+    };
+    // names of copies and of hidden folders tell nobody anything
+    let text = error.to_string();
+    let text = text.replace(&files.input.display().to_string(), &take.source).replace(&files.output.display().to_string(), &take.output);
+    (verdict, text)
+}
