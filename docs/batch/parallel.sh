@@ -10,7 +10,8 @@
 # Exit codes of `batch run`: 0 done; 3 done, and the report says what to look at; 75 stopped, the same command goes on.
 # 0 and 3 count as success here, 75 is tried twice more, everything else is a failure. It ends with how many shards failed.
 #
-# Tested with GNU parallel 20221122 on one machine, with a program that only ends with these codes. Not tested: over ssh.
+# Tested with GNU parallel 20221122 on one machine, with real takes, and with a program that only ends with these codes.
+# Not tested: over ssh.
 : "${PLAN:?name the plan}" "${OUT:?name the folder or bucket for the repaired takes}" "${1:?say how many shards there are}"
 shards=$1
 shift
