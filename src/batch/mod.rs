@@ -50,6 +50,12 @@ impl BatchError {
         Self { text: format!("{}: {problem}", path.display()), again: false }
     }
 
+    /// The system did not let something be done; a full disk may have room another time.
+    pub fn io(path: &Path, problem: &str, error: &std::io::Error) -> Self {
+        let text = format!("{}: {problem}: {}", path.display(), crate::input::plain(error));
+        Self { text, again: crate::error::is_full(error.kind()) }
+    }
+
     /// What may be otherwise another time.
     pub fn again(text: String) -> Self {
         Self { text, again: true }

@@ -4,7 +4,7 @@ use super::BatchError;
 use super::naming::Names;
 use super::plan::{Header, PlannedTake, Wanted};
 use super::sources::{Findings, Found, hashes};
-use crate::input::{hex, plain, read};
+use crate::input::{hex, read};
 use crate::report::lines;
 use crate::staging;
 use sha2::{Digest, Sha256};
@@ -84,7 +84,7 @@ pub fn plan(findings: &Findings, sources: &[String], way: &Way, path: &Path, for
     let problems = takes.iter().filter(|take| take.problem.is_some()).cloned().collect();
     // the largest first: whoever comes last is done soon
     takes.sort_by(|a, b| b.bytes.cmp(&a.bytes).then_with(|| a.path.cmp(&b.path)));
-    let unwritable = |e: std::io::Error| BatchError::at(path, format!("cannot be written: {}", plain(&e)));
+    let unwritable = |e: std::io::Error| BatchError::io(path, "cannot be written", &e);
     let mut file = staging::beside(path).map_err(unwritable)?;
     {
         let mut out = BufWriter::new(file.as_file_mut());

@@ -31,7 +31,7 @@ impl Session {
             let own = folder.join(OWN_FOLDER);
             for made in ["ledger", "locks", "plans", "work"] {
                 let made = own.join(made);
-                std::fs::create_dir_all(&made).map_err(|e| BatchError::at(&made, format!("cannot be made: {}", plain(&e))))?;
+                std::fs::create_dir_all(&made).map_err(|e| BatchError::io(&made, "cannot be made", &e))?;
             }
             lock = Some(locked(&own.join("locks").join(name), name)?);
             // what a run left that was killed
@@ -81,8 +81,9 @@ pub fn keep_plan(out: &Place, plan: &Path, sha256: &str) -> Result<(), BatchErro
         return Ok(());
     }
     // `put` takes the file it is given
-    let copy = tempfile::Builder::new().prefix("mocap-repair-plan-").tempfile().map_err(|e| BatchError::at(plan, plain(&e)))?;
-    std::fs::copy(plan, copy.path()).map_err(|e| BatchError::at(plan, plain(&e)))?;
+    let copy =
+        tempfile::Builder::new().prefix("mocap-repair-plan-").tempfile().map_err(|e| BatchError::io(plan, "cannot be copied", &e))?;
+    std::fs::copy(plan, copy.path()).map_err(|e| BatchError::io(plan, "cannot be copied", &e))?;
     out.put(&name, copy.path(), Mode::Replace)?;
     Ok(())
 }
@@ -130,7 +131,7 @@ pub fn survey(plan: &Path, shard: Shard) -> Result<(Header, String, u64, u64), B
 fn locked(path: &Path, name: &str) -> Result<File, BatchError> {
     let wrong = |problem: String| BatchError::at(path, problem);
     let file = File::options().read(true).write(true).create(true).truncate(false).open(path);
-    let mut file = file.map_err(|e| wrong(format!("cannot be made: {}", plain(&e))))?;
+    let mut file = file.map_err(|e| BatchError::io(path, "cannot be made", &e))?;
     match file.try_lock() {
         Ok(()) => {
             let who = format!("process {} on {}", std::process::id(), host());

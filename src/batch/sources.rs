@@ -93,9 +93,10 @@ pub fn find_listed(list: &Path) -> Result<Findings, BatchError> {
             continue;
         }
         if is_address(line) {
+            let before = findings.takes.len();
             find_in_bucket(line, &|_| String::new(), &mut findings)?;
-            if let Some(take) = findings.takes.last_mut() {
-                take.path = after_scheme(line).to_owned();
+            for take in findings.takes.iter_mut().skip(before) {
+                take.path = after_scheme(&take.source).to_owned();
             }
             continue;
         }

@@ -10,7 +10,7 @@ use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 /// What one may want to do, and what to type.
-const EXAMPLES: [(&str, &str); 8] = [
+const EXAMPLES: [(&str, &str); 9] = [
     ("Fill the gaps of a take; the log is written beside it, as walk.mcap.", "mocap-repair walk-gaps.c3d -o walk.c3d"),
     ("See first what is missing where.", "mocap-repair inspect walk-gaps.c3d"),
     (
@@ -22,6 +22,10 @@ const EXAMPLES: [(&str, &str); 8] = [
     ("Keep the options of a laboratory in a file.", "mocap-repair --max-gap 120 --print-config > lab.toml"),
     ("Use them, but for one.", "mocap-repair in.c3d -o out.c3d --config lab.toml --unset max-gap"),
     ("Write a take in another format.", "mocap-repair convert in.c3d -o out.trc --units m"),
+    (
+        "Repair all takes of a folder; the second command goes on after whatever happened to it.",
+        "mocap-repair batch plan takes -o plan.jsonl; mocap-repair batch run plan.jsonl --out repaired",
+    ),
 ];
 
 /// The pages by file name: that of the program, then those of its subcommands.
@@ -32,8 +36,11 @@ pub(super) fn pages(command: &Command) -> io::Result<Vec<(String, Vec<u8>)>> {
     let mut command = command.clone().disable_help_subcommand(true);
     command.build();
     let mut pages = vec![page(&command, true)?];
-    for sub in command.get_subcommands() {
+    for sub in command.get_subcommands().filter(|sub| !sub.is_hide_set()) {
         pages.push(page(sub, false)?);
+        for below in sub.get_subcommands().filter(|below| !below.is_hide_set()) {
+            pages.push(page(below, false)?);
+        }
     }
     Ok(pages)
 }
@@ -47,7 +54,7 @@ fn page(command: &Command, whole: bool) -> io::Result<(String, Vec<u8>)> {
     synopsis(command).to_writer(&mut out)?;
     man.render_description_section(&mut out)?;
     man.render_options_section(&mut out)?;
-    if whole {
+    if command.has_subcommands() {
         man.render_subcommands_section(&mut out)?;
     }
     let codes = exit_codes(&command.get_after_help().map(ToString::to_string).unwrap_or_default());

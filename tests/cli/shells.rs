@@ -44,6 +44,8 @@ fn a_bash_completes() {
         (&["--init", ""], &["pca", "random"]),
         (&["completions", "z"], &["zsh"]),
         (&["--output", "wa"], &["walk.c3d"]),
+        (&["batch", "wa"], &["watch"]),
+        (&["batch", "run", "--sh"], &["--shard"]),
     ] {
         assert_eq!(offered(&lab, words), expected, "{words:?}");
     }
@@ -58,6 +60,7 @@ fn manual_pages_are_written_whole_or_not_at_all() {
     let names: Vec<&str> = names.lines().collect();
     assert_eq!(names.len(), std::fs::read_dir(lab.path("pages/man1")).unwrap().count());
     assert!(names.contains(&"pages/man1/mocap-repair-convert.1"), "{names:?}");
+    assert!(names.contains(&"pages/man1/mocap-repair-batch-run.1") && !names.iter().any(|name| name.contains("take")), "{names:?}");
     assert_eq!(lab.text("pages/man1/mocap-repair.1"), main);
     let again = lab.run(&["man", "-o", "pages/man1"]);
     assert!(again.code == 1 && again.err.contains("exists already") && again.err.contains("--force"), "{again:?}");

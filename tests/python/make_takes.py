@@ -94,7 +94,7 @@ def main(program, folder, number, shared=None):
     for k in range(number):
         # three names that are one where cases do not count
         stem = names[k % len(names)].format(k // (3 if k % len(names) < 3 else 1))
-        suffix, content = bad_makers[k % len(bad_makers)](k % 7) if k in bad else makers[k % len(makers)](k)
+        suffix, content = bad_makers[sorted(bad).index(k) % len(bad_makers)](k % 7) if k in bad else makers[k % len(makers)](k)
         path = folder / folders[(k // 5) % len(folders)] / (stem + suffix)
         path.parent.mkdir(parents=True, exist_ok=True)
         while path.exists():

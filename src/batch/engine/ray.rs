@@ -89,7 +89,7 @@ enum Says {
         ended: How,
         code: Option<i32>,
         signal: Option<i32>,
-        result: Option<TakeResult>,
+        result: Option<serde_json::Value>,
         #[serde(default)]
         stderr: String,
         #[serde(default)]
@@ -188,6 +188,8 @@ fn listen(stdout: impl BufRead, waiting: &Mutex<Waiting>, ready: &Sender<Result<
             }
             Ok(Says::Ended { id, ended, code, signal, result, stderr, elapsed_secs }) => {
                 let elapsed = Duration::try_from_secs_f64(elapsed_secs).unwrap_or_default();
+                // what cannot be read is as good as nothing, and counts as no orderly end
+                let result: Option<TakeResult> = result.and_then(|result| serde_json::from_value(result).ok());
                 let attempt = Attempt { ended, code, signal, result, told: stderr, elapsed };
                 if let Some(job) = held(waiting).jobs.remove(&id) {
                     let _ = job.send(attempt); // whoever waited has given up
