@@ -330,7 +330,18 @@ impl Bucket {
             if !may()? {
                 return Ok(false);
             }
-            self.runtime.block_on(upload.complete()).map_err(written).map(|_| true)
+            match self.runtime.block_on(upload.complete()) {
+                Ok(_) => Ok(true),
+                // Azure forgets the parts of everybody else when somebody makes an object of theirs
+                Err(error) if error.to_string().contains("InvalidBlockList") => {
+                    if may()? {
+                        Err(StoreError { kind: Kind::Again, ..written(error) })
+                    } else {
+                        Ok(false)
+                    }
+                }
+                Err(error) => Err(written(error)),
+            }
         };
         let done = send_all();
         if !matches!(done, Ok(true)) {
