@@ -159,7 +159,7 @@ fn row(at: usize, takes: usize) -> FleetRow {
                 Some(0.3 + sidecar.summary.samples as f64 * 2e-5 * (0.4 + random(&[15, at])) * (1.0 + sidecar.summary.gaps as f64 / 60.0));
             row.peak_bytes = Some(60_000_000 + sidecar.summary.samples * 400);
             row.sidecar = Some(sidecar);
-            (row.report, row.log) = (at % 3 > 0, true);
+            (row.report, row.log) = (!at.is_multiple_of(3), true);
         }
     }
     row
@@ -229,10 +229,8 @@ fn tree(folder: &Path) -> Result<(), Box<dyn Error>> {
             Some(name) => format!("odd {}/{}.c3d", at % 2, name.replace('/', "\u{2215}")),
             None => format!("session {}/trial {at:02}.c3d", at / 20),
         };
-        plan.push_str(&format!(
-            "{}\n",
-            serde_json::json!({"message_type": "take", "path": path, "source": "/in", "output": path, "bytes": 1000 + at})
-        ));
+        let planned = serde_json::json!({"message_type": "take", "path": path, "source": "/in", "output": path, "bytes": 1000 + at});
+        plan += &(planned.to_string() + "\n");
         let mut sidecar = sidecar(&path, at / 20, at);
         let outcome =
             [Outcome::Done, Outcome::Quarantined, Outcome::Failed][if at == 3 || at == 20 { 1 } else { usize::from(at == 30) * 2 }];
@@ -243,7 +241,7 @@ fn tree(folder: &Path) -> Result<(), Box<dyn Error>> {
         if done {
             if let Some(name) = HOSTILE.get(at) {
                 sidecar.markers[0].label = format!("S:{name}");
-                sidecar.notes[0].text = (*name).to_owned();
+                (*name).clone_into(&mut sidecar.notes[0].text);
                 sidecar.summary.worst_bone = Some((*name).to_owned());
             }
             put(&format!("{path}.repair.json"), &sidecar.text())?;

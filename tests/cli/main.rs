@@ -4,6 +4,7 @@
 //! - `converting`: `convert`, `.zst`, `--missing`, `--float`
 //! - `logs`: what is in the log on demand, and what is taken out of it
 //! - `batch`, `batch_killed`: many takes, and runs of them that are ended from outside
+//! - `batch_report`: the report on them
 //! - `auto`: what the default method says about its fills
 //! - `options`: what each option changes in the files
 //! - `outliers`: samples that no body makes
@@ -23,6 +24,7 @@
 mod auto;
 mod batch;
 mod batch_killed;
+mod batch_report;
 mod config;
 mod converting;
 mod interruptions;

@@ -342,12 +342,15 @@ for (const name of ["some", "odd", "one", "none"]) {
 
 // Paper, old browsers, no scripts.
 {
-  const { page, close } = await open("some");
+  const { page, close } = await open("some", { width: 700, scheme: "dark" });
   await page.emulateMedia({ media: "print" });
   await page.evaluate(() => window.dispatchEvent(new Event("beforeprint")));
   check("on paper the first takes stand in the table", (await page.locator(".takes tbody tr:not(.space)").count()) === 60);
   check("and how many there are", (await page.locator(".on-paper").innerText()).includes("2,000 takes"));
+  check("nothing is wider than the paper", await fits(page));
+  check("paper is light", await page.evaluate(() => document.documentElement.dataset.theme === "light"));
   await page.evaluate(() => window.dispatchEvent(new Event("afterprint")));
+  check("and afterwards it is dark again", await page.evaluate(() => document.documentElement.dataset.theme === "dark"));
   await close();
 }
 {

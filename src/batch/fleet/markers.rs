@@ -90,7 +90,7 @@ impl Marker {
 #[derive(Debug, Default)]
 pub(super) struct Markers {
     names: Texts,
-    markers: Vec<Marker>,
+    each: Vec<Marker>,
     folders: Texts,
     /// By folder and name.
     cells: BTreeMap<(u32, u32), Cell>,
@@ -114,9 +114,9 @@ impl Markers {
             let name = limited(&mut self.names, name_of(&marker.label), MOST_NAMES);
             here.entry(name).or_default().add(marker, frames, rate_hz);
         }
-        self.markers.resize_with(self.names.len(), Marker::default);
+        self.each.resize_with(self.names.len(), Marker::default);
         for (name, cell) in here {
-            for whole in [&mut self.markers[name as usize].all, self.cells.entry((folder, name)).or_default()] {
+            for whole in [&mut self.each[name as usize].all, self.cells.entry((folder, name)).or_default()] {
                 whole.takes += 1;
                 whole.samples += cell.samples;
                 whole.missing += cell.missing;
@@ -126,7 +126,7 @@ impl Markers {
                 whole.longest_ms = whole.longest_ms.max(cell.longest_ms);
                 whole.sigma = whole.sigma.max(cell.sigma);
             }
-            let marker = &mut self.markers[name as usize];
+            let marker = &mut self.each[name as usize];
             if cell.gaps > 0 {
                 *marker.longest.entry(three_digits(cell.longest_ms)).or_default() += 1;
             }
@@ -140,7 +140,7 @@ impl Markers {
     /// Adds the numbers to those of the page, and gives the names.
     pub(super) fn pack(self, packer: &mut Packer) -> MarkersModel {
         let mut all = Vec::new();
-        for marker in &self.markers {
+        for marker in &self.each {
             marker.all.pack(&mut all);
             push(&mut all, known(marker.median_ms()));
             push(&mut all, known(marker.worst.map(|(_, row)| row)));
@@ -228,7 +228,7 @@ mod tests {
         markers.add("B", &take(&[("LKNE", 500, 1, 500), ("RKNE", 0, 0, 0)]), 1);
         markers.add("B", &take(&[("LKNE", 20, 1, 20)]), 2);
         let name = |name: &str| markers.names.get(name).unwrap_or(99) as usize;
-        let knee = &markers.markers[name("LKNE")];
+        let knee = &markers.each[name("LKNE")];
         let expected =
             Cell { takes: 3, samples: 4000, missing: 620, missing_secs: 6.2, gaps: 4, filled: 620, longest_ms: 5000, sigma: Some(5000) };
         assert_eq!(knee.all, expected);
@@ -236,7 +236,7 @@ mod tests {
         let cell = &markers.cells[&(1, name("LKNE") as u32)];
         assert_eq!((cell.takes, cell.samples, cell.missing), (2, 2000, 520));
         assert_eq!(markers.cells[&(0, name("LKNE") as u32)].samples, 2000);
-        assert_eq!(markers.markers[name("RKNE")].median_ms(), Some(100));
+        assert_eq!(markers.each[name("RKNE")].median_ms(), Some(100));
     }
 
     #[test]
@@ -246,7 +246,7 @@ mod tests {
             markers.add(&format!("f{at}"), &take(&[(&format!("m{at}"), 1, 1, 1)]), at);
         }
         assert_eq!((markers.names.len(), markers.folders.len()), (MOST_NAMES, MOST_FOLDERS));
-        assert_eq!(markers.markers.iter().map(|marker| marker.all.takes).sum::<u64>(), 3000);
+        assert_eq!(markers.each.iter().map(|marker| marker.all.takes).sum::<u64>(), 3000);
         assert!(markers.names.get(FURTHER).is_some());
         assert_eq!(
             (three_digits(999), three_digits(1234), three_digits(98_765), three_digits(u64::MAX)),

@@ -12,7 +12,7 @@ function largest(numbers) {
 
 function median(numbers) {
   const known = Float64Array.from(numbers).filter(Number.isFinite).sort();
-  return known.length > 0 ? known[known.length >> 1] : NaN;
+  return known.length > 0 ? known[(known.length - 1) >> 1] : NaN;
 }
 
 /** Number of takes in each state. */

@@ -16,6 +16,7 @@ const orDash = (x, text) => (Number.isFinite(x) ? text(x) : DASH);
 /** A time, as exact as it deserves. */
 function duration(secs) {
   if (!Number.isFinite(secs)) return DASH;
+  if (secs === 0) return "0 s";
   if (secs < 10) return `${secs.toFixed(secs < 1 ? 2 : 1)} s`;
   if (secs < 120) return `${Math.round(secs)} s`;
   const minutes = Math.round(secs / 60);
