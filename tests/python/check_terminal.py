@@ -71,6 +71,28 @@ def fits(text, columns):
     return all(len(line.rstrip()) <= columns or line[columns - 1] == " " for line in drawn)
 
 
+def batches(program, folder):
+    """A line for each worker and one for all; what did not go well stays."""
+    takes = os.path.join(folder, "takes")
+    os.makedirs(takes)
+    for name in ("one", "another with a very long name, as studios give them to takes of the third day of shooting", "läufe"):
+        shutil.copy(os.path.join(folder, "walk-gaps.c3d"), os.path.join(takes, f"{name}.c3d"))
+    with open(os.path.join(takes, "bad\x1b[2J.c3d"), "w", encoding="ascii") as bad:
+        bad.write("no take")
+    subprocess.run([program, "batch", "plan", "takes", "-o", "plan.jsonl"], cwd=folder, check=True, stdout=subprocess.DEVNULL)
+    for at, columns in enumerate((100, 40)):
+        code, told = at_terminal(columns, [program, "batch", "run", "plan.jsonl", "--out", f"batch-{at}", "--jobs", "2"], folder)
+        check(f"batch in {columns} columns: accounted for", code == 3, told)
+        # what did not go well is told whole, be it longer than a line
+        calm = "\n".join(line for line in re.split(r"[\r\n]", told) if "put aside:" not in line)
+        check(f"batch in {columns} columns: nothing is wider", fits(calm, columns), widest(calm))
+        check(f"batch in {columns} columns: workers show", re.search(r"(one|läufe|another).*  \d+ s", told), told)
+        check(f"batch in {columns} columns: the whole shows", re.search(r"[0-3] of 4 takes", told), told)
+        check(f"batch in {columns} columns: trouble stays, and disturbs nothing", "bad" in told and "\x1b[2J" not in told, told)
+        rest = told[told.rindex("plan.jsonl"):]
+        check(f"batch in {columns} columns: the summary is the last that is there", "3 repaired" in rest and " of 4 takes" not in rest, rest)
+
+
 def main():
     program, folder = os.path.abspath(sys.argv[1]), os.path.abspath(sys.argv[2])
     os.makedirs(folder)  # one that is there is somebody's
@@ -111,6 +133,7 @@ def main():
     _, told = at_terminal(80, [program, "inspect", "walk-gaps.c3d", "--json"], folder)
     check("inspect --json is plain", "\x1b" not in told and told.startswith("{"), told)
 
+    batches(program, folder)
     pages = subprocess.run([program, "man", "-o", "man"], cwd=folder, check=True, capture_output=True, text=True).stdout.split()
     check("there are pages", len(pages) > 5, pages)
     if shutil.which("groff"):
