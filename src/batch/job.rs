@@ -31,6 +31,7 @@ pub struct Job {
 /// What the process says.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "message_type", rename_all = "snake_case")]
+#[allow(clippy::large_enum_variant)] // one at a time, read and forgotten
 pub enum Said {
     /// What it is doing.
     Phase {

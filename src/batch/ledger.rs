@@ -302,7 +302,7 @@ pub fn read_all(out: &Place, each: &mut dyn FnMut(&str, Record)) -> Result<(), B
     }
     place.list(&mut |entry| {
         let entry = entry?;
-        if entry.name.ends_with(".jsonl") && !entry.name.starts_with('.') {
+        if Path::new(&entry.name).extension().is_some_and(|e| e == "jsonl") && !entry.name.starts_with('.') {
             names.push(entry.name);
         }
         Ok(())

@@ -105,7 +105,7 @@ mod tests {
         assert_eq!(names.claim("B/walk.c3d"), "B/walk.c3d");
         assert_eq!(names.claim("A/walk.csv"), "A/walk.csv", "another format");
         let other = names.claim("A/Walk.c3d");
-        assert!(other.starts_with("A/Walk~") && other.ends_with(".c3d") && other.len() == "A/Walk~12345678.c3d".len(), "{other}");
+        assert!(other.starts_with("A/Walk~") && other.len() == "A/Walk~12345678.c3d".len(), "{other}");
         assert!(names.claim("a/walk.C3D").starts_with("a/walk~"), "folders count");
         assert!(names.claim("A/walk.c3d.fills.csv").contains('~'), "what may be written beside another");
     }

@@ -160,10 +160,11 @@ impl Doing {
     fn line(&self, room: usize, style: &Style) -> String {
         let again = if self.tried > 0 { format!(" (try {})", self.tried + 1) } else { String::new() };
         let secs = format!("  {:.0} s", self.since.elapsed().as_secs_f64());
-        let name = cut(&self.path, room.saturating_sub(secs.len() + again.len()).min(room * 3 / 5), style.ascii);
-        let left = room.saturating_sub(columns(&name) + again.len() + secs.len() + 2);
-        let phase = cut(&self.phase, left, style.ascii);
-        format!("{name}{again}  {}{secs}", style.toned(Tone::Quiet, &phase))
+        let name = cut(&self.path, room.saturating_sub(columns(&secs) + columns(&again)).min(room * 3 / 5), style.ascii);
+        let left = room.saturating_sub(columns(&name) + columns(&again) + columns(&secs) + 2);
+        // two or three characters of what it does tell nobody anything
+        let phase = if left < 8 { String::new() } else { format!("  {}", style.toned(Tone::Quiet, &cut(&self.phase, left, style.ascii))) };
+        format!("{name}{again}{phase}{secs}")
     }
 }
 

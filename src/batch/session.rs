@@ -25,11 +25,11 @@ impl Session {
     /// # Errors
     /// Somebody else works on that shard, or the folder cannot be used.
     pub fn open(out: &Place, name: &str) -> Result<Self, BatchError> {
-        let work = format!("{OWN_FOLDER}/work/{name}");
+        let work = format!("{OWN_FOLDER}/staging/{name}");
         let mut lock = None;
         if let Some(folder) = out.folder() {
             let own = folder.join(OWN_FOLDER);
-            for made in ["ledger", "locks", "plans", "work"] {
+            for made in ["ledger", "locks", "plans", "staging"] {
                 let made = own.join(made);
                 std::fs::create_dir_all(&made).map_err(|e| BatchError::io(&made, "cannot be made", &e))?;
             }

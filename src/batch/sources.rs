@@ -240,6 +240,9 @@ fn after_scheme(address: &str) -> &str {
 }
 
 /// The absolute path of a file or folder that was typed, be it as `file://`.
+///
+/// # Errors
+/// It is no path.
 pub fn local(source: &str) -> Result<PathBuf, BatchError> {
     if source.starts_with("file://") {
         return Ok(Place::parse(source)?.folder().map(Path::to_owned).unwrap_or_default());
@@ -268,7 +271,8 @@ impl Findings {
         let (mut name, mut problem) = (format!("{prefix}{}", name.trim_start_matches('/')), None);
         if path.to_str().is_none() {
             // such names differ in what cannot be written down
-            name.push_str(&format!("~{}", &hex(&Sha256::digest(path.as_os_str().as_encoded_bytes()))[..8]));
+            name.push('~');
+            name.push_str(&hex(&Sha256::digest(path.as_os_str().as_encoded_bytes()))[..8]);
             problem = Some("its name is not UTF-8 text, so it cannot be written into a plan; rename it".to_owned());
         }
         self.takes.push(Found {

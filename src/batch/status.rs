@@ -119,19 +119,18 @@ impl Status {
         status.shards = attempts.into_iter().filter(|((plan, ..), _)| *plan == newest.plan).map(|(_, shard)| shard).collect();
         // only the latest division into shards counts
         status.shards.retain(|shard| shard.shards == newest.shards);
-        match &newest.plan {
-            Some(plan) => status.count_plan(out, plan, &accounted)?,
-            None => {
-                let mut last: BTreeMap<String, TakeRecord> = BTreeMap::new();
-                for take in accounted.into_values() {
-                    if last.get(&take.path).is_none_or(|before| before.time <= take.time) {
-                        last.insert(take.path.clone(), take);
-                    }
+        if let Some(plan) = &newest.plan {
+            status.count_plan(out, plan, &accounted)?;
+        } else {
+            let mut last: BTreeMap<String, TakeRecord> = BTreeMap::new();
+            for take in accounted.into_values() {
+                if last.get(&take.path).is_none_or(|before| before.time <= take.time) {
+                    last.insert(take.path.clone(), take);
                 }
-                for take in last.values() {
-                    status.takes += 1;
-                    status.add(take);
-                }
+            }
+            for take in last.values() {
+                status.takes += 1;
+                status.add(take);
             }
         }
         Ok(status)
@@ -141,12 +140,11 @@ impl Status {
         let name = format!("{OWN_FOLDER}/plans/{plan}.jsonl");
         let copy = tempfile::NamedTempFile::new()
             .map_err(|e| BatchError { text: format!("a temporary file cannot be made: {e}"), again: true })?;
-        let path = match out.folder() {
-            Some(folder) => folder.join(&name),
-            None => {
-                out.fetch(&name, copy.path())?;
-                copy.path().to_owned()
-            }
+        let path = if let Some(folder) = out.folder() {
+            folder.join(&name)
+        } else {
+            out.fetch(&name, copy.path())?;
+            copy.path().to_owned()
         };
         let takes = Plan::open(&path, Shard::ALL)?;
         let header = takes.header.clone();
@@ -217,10 +215,10 @@ impl Status {
         }
         for take in self.troubled.iter().take(MOST_SHOWN) {
             let line = format!("{}: {}", take.path, take.reason.as_deref().unwrap_or("no reason given"));
-            text += &format!("  {}\n", cut(&formats::printable(&line), 400, style.ascii));
+            text = text + "  " + &cut(&formats::printable(&line), 400, style.ascii) + "\n";
         }
         if self.troubled.len() > MOST_SHOWN {
-            text += &format!("  and {} more; --json has them all\n", self.troubled.len() - MOST_SHOWN);
+            text = text + "  and " + &(self.troubled.len() - MOST_SHOWN).to_string() + " more; --json has them all\n";
         }
         text
     }

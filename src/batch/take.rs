@@ -109,11 +109,7 @@ pub fn run(job: &Job, request_of: &RequestOf<'_>, watch: &mut dyn Observer) -> T
     let mut key = None;
     let made = make(job, request_of, watch, &mut key);
     let (outcome, reason, exit_code, summary) = match made {
-        Ok(Made::New(report_code, summary)) => (Verdict::Done, None, Some(report_code), Some(summary)),
-        Ok(Made::Already(sidecar)) => {
-            key = Some(sidecar.key);
-            (Verdict::Skipped, None, Some(sidecar.exit_code), Some(sidecar.summary))
-        }
+        Ok((verdict, exit_code, summary)) => (verdict, None, Some(exit_code), Some(summary)),
         // the record says which take it is about
         Err((verdict, reason)) => {
             let prefix = format!("{}: ", job.take.source);
@@ -123,20 +119,23 @@ pub fn run(job: &Job, request_of: &RequestOf<'_>, watch: &mut dyn Observer) -> T
     TakeResult { outcome, reason, exit_code, key, peak_bytes: memory::most_taken(), summary }
 }
 
-enum Made {
-    New(u8, Summary),
-    Already(Sidecar),
-}
-
 type Refused = (Verdict, String);
 
-fn make(job: &Job, request_of: &RequestOf<'_>, watch: &mut dyn Observer, key: &mut Option<String>) -> Result<Made, Refused> {
+fn make(
+    job: &Job,
+    request_of: &RequestOf<'_>,
+    watch: &mut dyn Observer,
+    key: &mut Option<String>,
+) -> Result<(Verdict, u8, Summary), Refused> {
     let take = &job.take;
     let version = env!("CARGO_PKG_VERSION");
     let out = Place::parse(&job.out).map_err(|e| of_store(&e))?;
     // whoever hands out takes may not see what lies there, or somebody else did it in the meantime
     match check(&out, take, &job.config_sha256, version, job.wanted).map_err(|e| of_store(&e))? {
-        Check::Done(sidecar) => return Ok(Made::Already(*sidecar)),
+        Check::Done(sidecar) => {
+            *key = Some(sidecar.key);
+            return Ok((Verdict::Skipped, sidecar.exit_code, sidecar.summary));
+        }
         Check::Changed(problem) => return Err((Verdict::Failed, problem)),
         Check::ToDo => {}
     }
@@ -194,7 +193,7 @@ fn make(job: &Job, request_of: &RequestOf<'_>, watch: &mut dyn Observer, key: &m
     // nobody's file is replaced but one of an earlier run
     let mode = if ours || job.force { Mode::Replace } else { Mode::Create };
     place(&out, &take.output, &made, &sidecar, before.as_ref(), mode)?;
-    Ok(Made::New(sidecar.exit_code, sidecar.summary))
+    Ok((Verdict::Done, sidecar.exit_code, sidecar.summary))
 }
 
 /// The take as a file here: itself, or a copy of what lies in a bucket.

@@ -109,16 +109,15 @@ pub fn run_text(ended: &Ended, why: &str, from: &str, to: &str, took: Duration, 
     let ran = ended.done + ended.quarantined + ended.failed;
     let speed = if ran > 0 && secs > 0.0 { format!(", {:.2} takes/s", ran as f64 / secs) } else { String::new() };
     text += &style.item("time", &format!("{}{speed}", rounded(secs)));
-    match ended.stop {
-        Stop::Complete => {}
-        Stop::Interrupted => text += &style.item("stopped", "interrupted; the same command goes on"),
-        Stop::DiskFull => {
-            text += &style.item("stopped", &format!("no room: {}; make room, and the same command goes on", formats::printable(why)))
-        }
-        Stop::TooManyFailures => text += &style.item("stopped", &formats::printable(why)),
-        Stop::Engine => text += &style.item("stopped", &format!("{}; the same command goes on", formats::printable(why))),
-    }
-    text
+    let why = formats::printable(why);
+    let stopped = match ended.stop {
+        Stop::Complete => return text,
+        Stop::Interrupted => "interrupted; the same command goes on".to_owned(),
+        Stop::DiskFull => format!("no room: {why}; make room, and the same command goes on"),
+        Stop::TooManyFailures => why,
+        Stop::Engine => format!("{why}; the same command goes on"),
+    };
+    text + &style.item("stopped", &stopped)
 }
 
 /// How a run ended, for scripts.

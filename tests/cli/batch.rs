@@ -313,7 +313,7 @@ fn a_take_that_takes_too_long_or_too_much_costs_only_itself() {
         assert!(record["reason"].as_str().unwrap().contains("took more than 41.9 MB"), "{record}");
         assert!(record["tries"].as_array().unwrap().len() <= 2, "alone it has all there is: {record}");
     }
-    assert!(std::fs::read_dir(lab.path("out/.mocap-repair/work")).unwrap().next().is_none(), "nothing is left");
+    assert!(std::fs::read_dir(lab.path("out/.mocap-repair/staging")).unwrap().next().is_none(), "nothing is left");
 }
 
 #[test]

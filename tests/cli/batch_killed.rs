@@ -48,7 +48,7 @@ fn a_killed_run_goes_on_and_makes_the_same_tree() {
     }
     assert_eq!(run(&lab, &[]).code, 3);
     assert!(tree(&lab.path("out")) == whole, "the trees differ: {:?}", tree(&lab.path("out")).keys());
-    assert!(std::fs::read_dir(lab.path("out/.mocap-repair/work")).unwrap().next().is_none(), "temporary files are left");
+    assert!(std::fs::read_dir(lab.path("out/.mocap-repair/staging")).unwrap().next().is_none(), "temporary files are left");
     // whatever was done before a kill was not done again
     let done = outcomes(&records(&lab.path("out"))).into_iter().filter(|(_, outcome)| outcome == "done").map(|(path, _)| path);
     let done: Vec<String> = done.collect();
@@ -63,7 +63,7 @@ fn processes_of_takes_end_with_their_run() {
     lab.write("quick.toml", "method = \"lds\"\nhidden = 32\niterations = 100000\ntolerance = 1e-300\n");
     plan(&lab, &[]).with_code(0);
     let mut child = start(&lab, &["batch", "run", "plan.jsonl", "--out", "out", "--jobs", "2"]);
-    let work = lab.path("out/.mocap-repair/work");
+    let work = lab.path("out/.mocap-repair/staging");
     let count = || walk(&work);
     wait_for("work", || count() >= 2);
     child.kill().unwrap();
@@ -95,7 +95,7 @@ fn an_interrupt_brings_home_what_runs() {
     let lab = busy();
     plan(&lab, &[]).with_code(0);
     let mut child = start(&lab, &["batch", "run", "plan.jsonl", "--out", "out", "--jobs", "1"]);
-    wait_for("work", || walk(&lab.path("out/.mocap-repair/work")) > 0);
+    wait_for("work", || walk(&lab.path("out/.mocap-repair/staging")) > 0);
     let pid = child.id().to_string();
     assert!(std::process::Command::new("kill").args(["-INT", &pid]).status().unwrap().success());
     assert_eq!(child.wait().unwrap().code(), Some(75));
@@ -111,7 +111,7 @@ fn two_runs_of_one_shard_do_not_disturb_each_other() {
     let lab = busy();
     plan(&lab, &[]).with_code(0);
     let mut child = start(&lab, &["batch", "run", "plan.jsonl", "--out", "out", "--jobs", "1"]);
-    wait_for("work", || walk(&lab.path("out/.mocap-repair/work")) > 0);
+    wait_for("work", || walk(&lab.path("out/.mocap-repair/staging")) > 0);
     let told = run(&lab, &[]);
     assert!(told.code == 75 && told.err.contains("works on 0-of-1; wait until it has ended"), "{told:?}");
     child.kill().unwrap();

@@ -55,7 +55,7 @@ def leftovers(out):
     """Whatever a killed process may have left: files without their names, and folders to make them in."""
     own = out / OWN
     hidden = [p.as_posix() for p in out.rglob(".*") if OWN not in p.relative_to(out).parts]
-    return hidden + [p.as_posix() for p in (own / "work").rglob("*") if own.exists()]
+    return hidden + [p.as_posix() for p in (own / "staging").rglob("*") if own.exists()]
 
 
 def records(out):
@@ -164,7 +164,7 @@ class Studio:
             child = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
             # not before something runs, which takes Ray a while
             deadline = time.monotonic() + 120
-            while not list((out / OWN / "work").glob("*/*/*")) and child.poll() is None and time.monotonic() < deadline:
+            while not list((out / OWN / "staging").glob("*/*/*")) and child.poll() is None and time.monotonic() < deadline:
                 time.sleep(0.01)
             time.sleep(chance.uniform(0.05, 2.0))
             if victim is None:

@@ -75,6 +75,7 @@ pub struct WayArgs {
 
 /// How takes are run.
 #[derive(Debug, Args)]
+#[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
 pub struct EngineArgs {
     /// Takes to work on at the same time [default: as many as there are cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
