@@ -106,7 +106,7 @@ fn sidecar(path: &str, session: usize, at: usize) -> Sidecar {
         version: "0.1.0".to_owned(),
         key: format!("{at:064x}"),
         path: path.to_owned(),
-        input: InputFile { name: name.clone(), bytes: 1, sha256: format!("{at:064x}"), version: None },
+        input: InputFile { name: name.clone(), source: String::new(), bytes: 1, sha256: format!("{at:064x}"), version: None },
         config_sha256: "c0ffee11".repeat(8),
         outputs: vec![OutputFile { name, bytes: 1, sha256: format!("{at:064x}") }],
         exit_code: if notes.iter().any(|note| note.matters) { 3 } else { 0 },

@@ -7,7 +7,7 @@ use crate::rig::map::MapError;
 use crate::verify::Broken;
 use formats::{DetectError, FormatError, Problem};
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Why a take could not be repaired. Every text begins with the file it is about.
 #[derive(Debug, thiserror::Error)]
@@ -125,6 +125,25 @@ pub enum RepairError {
 }
 
 impl RepairError {
+    /// The file that it is about.
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Io { path, .. }
+            | Self::System { path, .. }
+            | Self::Detect { path, .. }
+            | Self::Format { path, .. }
+            | Self::Bones { path, .. }
+            | Self::Map { path, .. }
+            | Self::Missing { path, .. }
+            | Self::NoUp { path }
+            | Self::NoSuchMarker { path, .. }
+            | Self::Verify { path, .. }
+            | Self::Log { path, .. }
+            | Self::Solve { path, .. }
+            | Self::Interrupted { path, .. } => path,
+        }
+    }
+
     /// What the system said, if it was the system's fault and not that of a file.
     pub fn system(&self) -> Option<io::ErrorKind> {
         match self {

@@ -1,6 +1,6 @@
 //! What is said to the process that repairs one take, and what it answers: JSON Lines on its standard input and output.
 
-use super::plan::{PlannedTake, Wanted};
+use super::plan::{OptionFile, PlannedTake, Wanted};
 use super::sidecar::Summary;
 use serde::{Deserialize, Serialize};
 
@@ -18,6 +18,9 @@ pub struct Job {
     pub config: String,
     /// SHA-256 of the options.
     pub config_sha256: String,
+    /// The files that options name.
+    #[serde(default)]
+    pub files: Vec<OptionFile>,
     /// What is written beside the repaired take.
     pub wanted: Wanted,
     /// Cores to use.

@@ -179,7 +179,7 @@ pub fn folder() -> String {
 
 /// The present time in UTC (RFC 3339).
 pub fn now() -> String {
-    humantime::format_rfc3339_seconds(std::time::SystemTime::now()).to_string()
+    humantime::format_rfc3339_millis(std::time::SystemTime::now()).to_string()
 }
 
 /// A ledger that is being written.
@@ -188,6 +188,7 @@ pub struct Ledger {
     pub attempt: u32,
     sink: Sink,
     since: Instant,
+    torn: bool,
 }
 
 enum Sink {
@@ -238,7 +239,7 @@ impl Ledger {
                 attempt += 1;
                 continue;
             };
-            return Ok(Self { attempt, sink, since: Instant::now() });
+            return Ok(Self { attempt, sink, since: Instant::now(), torn: false });
         }
     }
 
@@ -248,10 +249,18 @@ impl Ledger {
     /// It cannot be written.
     pub fn add(&mut self, record: &Record) -> Result<(), StoreError> {
         let line = crate::report::lines(std::slice::from_ref(record));
-        let matters = !matches!(record, Record::Take(TakeRecord { outcome: Outcome::Done | Outcome::Skipped, .. }));
+        // what is only told again can wait
+        let matters = match record {
+            Record::Take(take) => matches!(take.outcome, Outcome::Quarantined | Outcome::Failed) && !take.tries.is_empty(),
+            Record::Begun(_) | Record::Ended(_) => true,
+        };
         match &mut self.sink {
             Sink::File(file) => {
+                // after a line that was cut off by a full disk comes a new one
+                let line = if self.torn { format!("\n{line}") } else { line };
+                self.torn = true;
                 file.write_all(line.as_bytes()).map_err(|e| of_file(&e))?;
+                self.torn = false;
                 if matters || self.since.elapsed() > SYNC {
                     file.sync_data().map_err(|e| of_file(&e))?;
                     self.since = Instant::now();

@@ -16,7 +16,7 @@ const EXPANDS: u64 = 4;
 /// How much memory a take is thought to want, in bytes. Takes that want more than they get are run alone.
 pub fn estimate(take: &PlannedTake) -> u64 {
     let expands = if compression::is_named(Path::new(&take.source)) { EXPANDS } else { 1 };
-    AT_LEAST + take.bytes.saturating_mul(TIMES * expands)
+    take.bytes.saturating_mul(TIMES * expands).saturating_add(AT_LEAST)
 }
 
 /// Four fifths of the memory that is free, or that the group of processes may take.

@@ -24,6 +24,9 @@ pub struct Header {
     pub config: String,
     /// SHA-256 of the options that shape the result, and of the files that they name.
     pub config_sha256: String,
+    /// The files that options name.
+    #[serde(default)]
+    pub files: Vec<OptionFile>,
     /// What is written beside each repaired take.
     pub wanted: Wanted,
     /// Where the takes were looked for.
@@ -32,6 +35,39 @@ pub struct Header {
     pub takes: u64,
     /// Their size.
     pub bytes: u64,
+}
+
+/// A file that an option names, such as a table of bones.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct OptionFile {
+    /// Where it lies.
+    pub path: PathBuf,
+    /// SHA-256, hexadecimal.
+    pub sha256: String,
+}
+
+impl OptionFile {
+    /// As it is now.
+    ///
+    /// # Errors
+    /// It cannot be read.
+    pub fn read(path: PathBuf) -> Result<Self, BatchError> {
+        let (sha256, _) = hash_file(&path).map_err(|e| BatchError::at(&path, format!("cannot be read: {}", plain(&e))))?;
+        Ok(Self { path, sha256 })
+    }
+
+    /// Whether it still is what was planned with.
+    ///
+    /// # Errors
+    /// It is not, or cannot be read. The text says the way out.
+    pub fn check(&self) -> Result<(), String> {
+        let path = self.path.display();
+        match hash_file(&self.path) {
+            Ok((sha256, _)) if sha256 == self.sha256 => Ok(()),
+            Ok(_) => Err(format!("{path}: is not what it was when it was planned; plan again")),
+            Err(error) => Err(format!("{path}: cannot be read: {}", plain(&error))),
+        }
+    }
 }
 
 /// What is written beside each repaired take.
@@ -148,8 +184,8 @@ impl Plan {
     /// Reads all of it once: number and size of the takes of the shard.
     ///
     /// # Errors
-    /// A line is none of a plan, or there are fewer takes than its header says, as in one that was cut off.
-    pub fn totals(path: &Path, shard: Shard) -> Result<(u64, u64), BatchError> {
+    /// What `each` says of a take of the shard; or a line is none of a plan, or there are fewer takes than its header says, as in one that was cut off.
+    pub fn totals(path: &Path, shard: Shard, each: &dyn Fn(&PlannedTake) -> Result<(), BatchError>) -> Result<(u64, u64), BatchError> {
         let all = Self::open(path, Shard::ALL)?;
         let declared = all.header.takes;
         let (mut takes, mut bytes, mut there) = (0, 0, 0);
@@ -157,6 +193,7 @@ impl Plan {
             let take = take?;
             there += 1;
             if shard.has(&take.path) {
+                each(&take)?;
                 takes += 1;
                 bytes += take.bytes;
             }
@@ -243,6 +280,7 @@ mod tests {
             version: "1".to_owned(),
             config: String::new(),
             config_sha256: "c".to_owned(),
+            files: Vec::new(),
             wanted: Wanted::default(),
             sources: Vec::new(),
             takes: 1,

@@ -138,8 +138,13 @@ impl Live {
     }
 
     /// Draws everything until `over` says so. To be called by a thread of its own.
-    pub fn draw_until(&self, over: &dyn Fn() -> bool) {
+    pub fn draw_until(&self, over: &dyn Fn() -> bool, interrupted: &dyn Fn() -> bool) {
+        let mut told = false;
         while !over() {
+            if !told && interrupted() {
+                let _ = self.all.println("interrupted: takes that run are brought to their end; interrupt again to end at once");
+                told = true;
+            }
             self.draw();
             std::thread::sleep(TICK);
         }
@@ -205,8 +210,14 @@ impl Watcher for Live {
         }
     }
 
-    fn stopping(&self, _: Stop, why: &str) {
-        let _ = self.all.println(formats::printable(&format!("stopping: {why}; takes that run are ended first")));
+    fn remark(&self, text: &str) {
+        let _ = self.all.println(formats::printable(text));
+    }
+
+    fn stopping(&self, stop: Stop, why: &str) {
+        if stop != Stop::Interrupted {
+            let _ = self.all.println(formats::printable(&format!("stopping: {why}")));
+        }
     }
 }
 
@@ -245,6 +256,10 @@ impl Watcher for Plain<'_> {
         }
     }
 
+    fn remark(&self, text: &str) {
+        (self.print)(&formats::printable(text));
+    }
+
     fn stopping(&self, _: Stop, why: &str) {
         (self.print)(&formats::printable(&format!("stopping: {why}")));
     }
@@ -278,6 +293,9 @@ enum Event<'a> {
         bytes_settled: u64,
         bytes: u64,
         left_secs: Option<f64>,
+    },
+    Remark {
+        text: &'a str,
     },
     Stopping {
         stop: Stop,
@@ -318,6 +336,10 @@ impl Watcher for Json<'_> {
             bytes: tally.bytes,
             left_secs: tally.left_secs(),
         });
+    }
+
+    fn remark(&self, text: &str) {
+        self.say(&Event::Remark { text });
     }
 
     fn stopping(&self, stop: Stop, reason: &str) {

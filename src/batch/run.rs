@@ -7,6 +7,7 @@ use super::engine::{Allowed, Attempt, Engine};
 use super::job::{Job, TakeResult, Verdict};
 use super::ledger::{self, Ended, How, Ledger, Outcome, Record, Stop, TakeRecord, Try};
 use super::plan::{Header, PlannedTake};
+use super::session::known;
 use super::sidecar::Summary;
 use super::store::Place;
 use super::take::{Check, check};
@@ -25,6 +26,9 @@ const FIRST: u64 = 200;
 /// A fifth of [`FIRST`].
 const TOO_MANY: u64 = FIRST / 5;
 
+/// If so many takes in a row fail for what is around them, a disk or a network is gone.
+const IN_A_ROW: u64 = 40;
+
 /// How long the first retry of something that may go better another time waits; each one after that four times longer.
 const PAUSE: Duration = Duration::from_millis(250);
 
@@ -32,12 +36,16 @@ const PAUSE: Duration = Duration::from_millis(250);
 pub trait Supply: Send {
     /// The next one.
     fn next(&mut self) -> Next;
+    /// Something around a take kept it from being repaired.
+    fn failed(&mut self, _path: &str) {}
 }
 
 /// What a [`Supply`] has.
 pub enum Next {
     /// This.
     Take(Box<PlannedTake>),
+    /// Something to be told; ask again at once.
+    Remark(String),
     /// Nothing at the moment; ask again after this time.
     Later(Duration),
     /// Nothing any more.
@@ -62,7 +70,9 @@ pub struct Settings<'a> {
     pub keep_going: bool,
     /// Tries that take longer are ended.
     pub timeout: Option<Duration>,
-    /// Takes that were put aside before, by [`PlannedTake::identity`], and why.
+    /// Why outputs cannot be put where they belong any more, if that is so.
+    pub gone: Option<Box<dyn Fn() -> Option<String> + Sync + 'a>>,
+    /// Takes that were put aside before, by [`known`](super::session::known), and why.
     pub quarantined: BTreeMap<String, String>,
 }
 
@@ -72,20 +82,23 @@ pub trait Watcher: Sync {
     fn started(&self, _slot: usize, _take: &PlannedTake, _tried: usize) {}
     /// What a slot is doing.
     fn phase(&self, _slot: usize, _text: &str) {}
-    /// What became of a take. `left_in_slot`: nothing more, if it is the last.
+    /// What became of a take.
     fn finished(&self, _slot: usize, _record: &TakeRecord, _summary: Option<&Summary>) {}
+    /// Something that is about no take in particular.
+    fn remark(&self, _text: &str) {}
     /// The run will end early, and why.
     fn stopping(&self, _stop: Stop, _why: &str) {}
 }
 
 /// What is shared.
 struct Shared<'a> {
-    supply: &'a mut dyn Supply,
     ledger: &'a mut Ledger,
     totals: Ended,
     /// Takes that ran, up to [`FIRST`], and how many of them came to nothing.
     ran: u64,
     bad: u64,
+    /// Takes that failed one after the other.
+    in_a_row: u64,
     running: usize,
     number: u64,
     stop: Option<(Stop, String)>,
@@ -105,11 +118,12 @@ pub fn run(
     interrupt: &AtomicBool,
 ) -> Result<(Ended, String), BatchError> {
     let none = Ended { time: String::new(), stop: Stop::Complete, done: 0, remarked: 0, skipped: 0, quarantined: 0, failed: 0 };
-    let shared = Mutex::new(Shared { supply, ledger, totals: none, ran: 0, bad: 0, running: 0, number: 0, stop: None, broken: None });
+    let supply = Mutex::new(supply);
+    let shared = Mutex::new(Shared { ledger, totals: none, ran: 0, bad: 0, in_a_row: 0, running: 0, number: 0, stop: None, broken: None });
     std::thread::scope(|scope| {
         for slot in 0..engine.slots() {
-            let worker = Worker { settings, engine, shared: &shared, watcher, interrupt, slot };
-            scope.spawn(move || worker.work());
+            let worker = Worker { settings, engine, supply: &supply, shared: &shared, watcher, interrupt, slot };
+            scope.spawn(move || worker.go());
         }
     });
     let shared = shared.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -125,23 +139,28 @@ pub fn run(
     }
 }
 
-struct Worker<'a, 'b> {
+struct Worker<'a, 'b, 's> {
     settings: &'a Settings<'a>,
     engine: &'a dyn Engine,
+    /// Looking for the next take may take a while, and is nobody's business who has one.
+    supply: &'a Mutex<&'s mut dyn Supply>,
     shared: &'a Mutex<Shared<'b>>,
     watcher: &'a dyn Watcher,
     interrupt: &'a AtomicBool,
     slot: usize,
 }
 
-impl<'b> Worker<'_, 'b> {
+impl<'b> Worker<'_, 'b, '_> {
     fn shared(&self) -> std::sync::MutexGuard<'_, Shared<'b>> {
         self.shared.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn work(&self) {
+    fn go(&self) {
         while let Some((number, take)) = self.next() {
             let finished = self.one(number, &take);
+            if matches!(&finished, Ok(Some((TakeRecord { outcome: Outcome::Failed, .. }, _)))) {
+                self.supply.lock().unwrap_or_else(PoisonError::into_inner).failed(&take.path);
+            }
             let mut shared = self.shared();
             shared.running -= 1;
             match finished {
@@ -162,7 +181,7 @@ impl<'b> Worker<'_, 'b> {
     /// The next take, with its number in this run.
     fn next(&self) -> Option<(u64, PlannedTake)> {
         loop {
-            let pause = {
+            {
                 let mut shared = self.shared();
                 if self.interrupt.load(Ordering::Relaxed) {
                     self.stop(&mut shared, Stop::Interrupted, "interrupted".to_owned());
@@ -171,25 +190,33 @@ impl<'b> Worker<'_, 'b> {
                     self.engine.last_ones(shared.running);
                     return None;
                 }
-                match shared.supply.next() {
-                    Next::Take(take) => {
-                        shared.running += 1;
-                        shared.number += 1;
-                        return Some((shared.number, *take));
-                    }
-                    Next::End => {
-                        self.engine.last_ones(shared.running);
-                        return None;
-                    }
-                    Next::Broken(error) => {
-                        self.stop(&mut shared, Stop::Engine, error.to_string());
-                        shared.broken = Some(error);
-                        return None;
-                    }
-                    Next::Later(pause) => pause,
+            }
+            let next = self.supply.lock().unwrap_or_else(PoisonError::into_inner).next();
+            let mut shared = self.shared();
+            match next {
+                Next::Take(take) => {
+                    shared.running += 1;
+                    shared.number += 1;
+                    return Some((shared.number, *take));
                 }
-            };
-            self.pause(pause);
+                Next::End => {
+                    self.engine.last_ones(shared.running);
+                    return None;
+                }
+                Next::Broken(error) => {
+                    self.stop(&mut shared, Stop::Engine, error.to_string());
+                    shared.broken = Some(error);
+                    return None;
+                }
+                Next::Remark(text) => {
+                    drop(shared);
+                    self.watcher.remark(&text);
+                }
+                Next::Later(pause) => {
+                    drop(shared);
+                    self.pause(pause);
+                }
+            }
         }
     }
 
@@ -207,6 +234,8 @@ impl<'b> Worker<'_, 'b> {
             shared.stop = Some((stop, why));
             if matches!(stop, Stop::DiskFull | Stop::Engine) {
                 self.engine.abandon();
+            } else {
+                self.engine.wind_down();
             }
         }
     }
@@ -218,9 +247,17 @@ impl<'b> Worker<'_, 'b> {
                 totals.done += 1;
                 totals.remarked += u64::from(record.exit_code == Some(3));
             }
-            Outcome::Skipped => totals.skipped += 1,
+            Outcome::Skipped => {
+                totals.skipped += 1;
+                totals.remarked += u64::from(record.exit_code == Some(3));
+            }
             Outcome::Quarantined => totals.quarantined += 1,
             Outcome::Failed => totals.failed += 1,
+        }
+        shared.in_a_row = if record.outcome == Outcome::Failed { shared.in_a_row + 1 } else { 0 };
+        if shared.in_a_row >= IN_A_ROW && !self.settings.keep_going {
+            let why = record.reason.as_deref().unwrap_or("no reason given");
+            self.stop(shared, Stop::Engine, format!("{IN_A_ROW} takes in a row could not be read or written, the last one because: {why}"));
         }
         let fresh = !record.tries.is_empty() || record.outcome == Outcome::Failed;
         if fresh && shared.ran < FIRST {
@@ -259,10 +296,6 @@ impl<'b> Worker<'_, 'b> {
         if take.problem.is_some() {
             return Ok(Some((record, None)));
         }
-        if let Some(reason) = settings.quarantined.get(&identity).filter(|_| !settings.retry) {
-            record.reason = Some(reason.clone());
-            return Ok(Some((record, None)));
-        }
         self.watcher.started(self.slot, take, 0);
         let header = settings.header;
         match check(settings.out, take, &header.config_sha256, &header.version, header.wanted) {
@@ -280,11 +313,20 @@ impl<'b> Worker<'_, 'b> {
             // whoever runs it will meet the same error, and say so
             Ok(Check::ToDo) | Err(_) => {}
         }
+        if let Some(reason) = settings.quarantined.get(&known(&identity, &take.path)).filter(|_| !settings.retry) {
+            record.reason = Some(reason.clone());
+            return Ok(Some((record, None)));
+        }
+        if let Some(problem) = settings.gone.as_ref().and_then(|gone| gone()) {
+            return Err(BatchError::again(problem));
+        }
         let began = Instant::now();
         let mut alone = false;
         loop {
             let allowed = Allowed { timeout: settings.timeout, memory_bytes: memory::estimate(take), alone };
-            let attempt = self.engine.run(self.job(number, take), allowed, &|text| self.watcher.phase(self.slot, text))?;
+            let attempt =
+                self.engine.run(self.job(number, record.tries.len(), take), allowed, &|text| self.watcher.phase(self.slot, text))?;
+            self.clear(number, record.tries.len());
             let given_up = self.shared().stop.as_ref().is_some_and(|(stop, _)| matches!(stop, Stop::DiskFull | Stop::Engine));
             let judged = judge(&attempt);
             if given_up && !matches!(judged, Judged::Done(_)) {
@@ -318,7 +360,8 @@ impl<'b> Worker<'_, 'b> {
                     let interrupted = self.interrupt.load(Ordering::Relaxed);
                     // one that had all the memory there is will want more than that again
                     if record.tries.len() <= RETRIES && !interrupted && !(memory && alone) {
-                        alone |= memory;
+                        // a system without memory ends somebody so
+                        alone |= memory || attempt.signal == Some(9);
                         self.watcher.started(self.slot, take, record.tries.len());
                         if attempt.ended == How::Exit {
                             self.pause(PAUSE * 4u32.pow(record.tries.len() as u32 - 1));
@@ -336,14 +379,27 @@ impl<'b> Worker<'_, 'b> {
         }
     }
 
-    fn job(&self, number: u64, take: &PlannedTake) -> Job {
-        let Settings { header, out, work, force, .. } = self.settings;
+    /// Where a try makes its files: nobody who was thought to be gone may meddle with the next one.
+    fn work(&self, number: u64, tried: usize) -> String {
+        format!("{}/{number}-{tried}", self.settings.work)
+    }
+
+    /// Removes what a try left that was ended from outside.
+    fn clear(&self, number: u64, tried: usize) {
+        if let Some(folder) = self.settings.out.folder() {
+            let _ = std::fs::remove_dir_all(folder.join(self.work(number, tried))); // mostly it is gone; else the next run tries again
+        }
+    }
+
+    fn job(&self, number: u64, tried: usize, take: &PlannedTake) -> Job {
+        let Settings { header, out, force, .. } = self.settings;
         Job {
             take: take.clone(),
             out: out.shown().to_owned(),
-            work: format!("{work}/{number}"),
+            work: self.work(number, tried),
             config: header.config.clone(),
             config_sha256: header.config_sha256.clone(),
+            files: header.files.clone(),
             wanted: header.wanted,
             threads: 1,
             memory_bytes: None,

@@ -1,6 +1,6 @@
 //! An output folder or bucket in use: one run at a time for each shard, its ledger, its hidden files, and what was put aside before.
 
-use super::ledger::{self, Begun, Ledger, Outcome, Record};
+use super::ledger::{self, How, Outcome, Record, TakeRecord, Try};
 use super::plan::{Header, Plan, Shard};
 use super::store::{Mode, Place};
 use super::{BatchError, OWN_FOLDER};
@@ -16,50 +16,60 @@ pub struct Session {
     pub work: String,
     /// What was put aside before, by identity, and why.
     pub quarantined: BTreeMap<String, String>,
-    lock: Option<File>,
+    /// Which folder it is, if the system can tell.
+    identity: Option<(u64, u64)>,
+    locks: Vec<File>,
 }
 
 impl Session {
-    /// Takes the folder for a shard. `of`: what it is a shard of, if others must not disturb it.
+    /// Takes the folder for what is called `name`, such as a shard. `group`: others of the same group may work there at the same time.
     ///
     /// # Errors
-    /// Somebody else works on that shard, or the folder cannot be used.
-    pub fn open(out: &Place, name: &str) -> Result<Self, BatchError> {
+    /// Somebody else works on that shard, or on something else, or the folder cannot be used.
+    pub fn open(out: &Place, name: &str, group: &str) -> Result<Self, BatchError> {
         let work = format!("{OWN_FOLDER}/staging/{name}");
-        let mut lock = None;
+        let mut locks = Vec::new();
         if let Some(folder) = out.folder() {
             let own = folder.join(OWN_FOLDER);
             for made in ["ledger", "locks", "plans", "staging"] {
                 let made = own.join(made);
                 std::fs::create_dir_all(&made).map_err(|e| BatchError::io(&made, "cannot be made", &e))?;
             }
-            lock = Some(locked(&own.join("locks").join(name), name)?);
-            // what a run left that was killed
-            remove(&folder.join(&work))?;
+            locks.extend(grouped(&own.join("locks"), group)?);
+            let lock = locked(&own.join("locks").join(name), name)?;
+            if lock.is_some() {
+                // what a run left that was killed
+                remove(&folder.join(&work))?;
+            }
+            locks.extend(lock);
         }
-        let mut quarantined = BTreeMap::new();
+        // by take: when it was told of last, and why it was put aside if it was
+        let mut told: BTreeMap<String, (String, Option<String>)> = BTreeMap::new();
         ledger::read_all(out, &mut |_, record| {
             let Record::Take(take) = record else { return };
-            let Some(identity) = take.planned else { return };
-            match take.outcome {
-                Outcome::Quarantined => {
-                    quarantined.insert(identity, take.reason.unwrap_or_default());
+            let Some(identity) = &take.planned else { return };
+            let aside = take.outcome == Outcome::Quarantined && stays(&take);
+            let name = known(identity, &take.path);
+            // of most takes nothing has to be remembered
+            match told.get_mut(&name) {
+                Some(last) if last.0 <= take.time => *last = (take.time, aside.then(|| take.reason.unwrap_or_default())),
+                None if aside => {
+                    told.insert(name, (take.time, Some(take.reason.unwrap_or_default())));
                 }
-                Outcome::Done | Outcome::Skipped => {
-                    quarantined.remove(&identity);
-                }
-                Outcome::Failed => {}
+                _ => {}
             }
         })?;
-        Ok(Self { work, quarantined, lock })
+        let quarantined = told.into_iter().filter_map(|(name, (_, reason))| Some((name, reason?))).collect();
+        let identity = out.folder().and_then(|folder| identity(&folder.join(OWN_FOLDER)));
+        Ok(Self { work, quarantined, identity, locks })
     }
 
-    /// Begins a ledger.
-    ///
-    /// # Errors
-    /// It cannot be written.
-    pub fn ledger(&self, out: &Place, of: &str, shard: Shard, begun: Begun) -> Result<Ledger, BatchError> {
-        Ok(Ledger::begin(out, of, shard, begun)?)
+    /// Why outputs cannot be put where they belong any more: the folder was there when the session began.
+    pub fn gone(&self, out: &Place) -> Option<String> {
+        let folder = out.folder()?;
+        let there = identity(&folder.join(OWN_FOLDER));
+        (there.is_none() || there != self.identity)
+            .then(|| format!("{out}: is not the folder any more that it was when the run began; is the disk still connected?"))
     }
 
     /// Removes what is of no more use.
@@ -67,7 +77,7 @@ impl Session {
         if let Some(folder) = out.folder() {
             let _ = remove(&folder.join(&self.work)); // the next run tries again
         }
-        drop(self.lock);
+        drop(self.locks);
     }
 }
 
@@ -120,16 +130,28 @@ pub fn check_sources(sources: &[String], out: &Place) -> Result<(), BatchError> 
 /// The number and size of the takes of a plan's shard, with its header and hash.
 ///
 /// # Errors
-/// It is no whole plan.
-pub fn survey(plan: &Path, shard: Shard) -> Result<(Header, String, u64, u64), BatchError> {
+/// It is no whole plan, or one of its takes would be its own output.
+pub fn survey(plan: &Path, shard: Shard, out: &Place) -> Result<(Header, String, u64, u64), BatchError> {
     let header = Plan::open(plan, shard)?.header;
-    let (takes, bytes) = Plan::totals(plan, shard)?;
+    let (takes, bytes) = Plan::totals(plan, shard, &|take| {
+        let itself = match out.folder() {
+            Some(folder) => Path::new(&take.source) == folder.join(&take.output),
+            None => take.source == format!("{out}/{}", take.output),
+        };
+        let problem = "is the take that is read, and would be the output; choose another --out";
+        if itself { Err(BatchError::at(Path::new(&take.source), problem)) } else { Ok(()) }
+    })?;
     Ok((header, Plan::sha256(plan)?, takes, bytes))
 }
 
+/// What a take that was put aside is known by: takes of one content and different names are different takes, because names decide about formats.
+pub fn known(identity: &str, path: &str) -> String {
+    format!("{identity}\n{path}")
+}
+
 /// A file that only one process holds, on one machine or on several that share a file system which locks files.
-fn locked(path: &Path, name: &str) -> Result<File, BatchError> {
-    let wrong = |problem: String| BatchError::at(path, problem);
+/// `None` where the file system knows no locks.
+fn locked(path: &Path, name: &str) -> Result<Option<File>, BatchError> {
     let file = File::options().read(true).write(true).create(true).truncate(false).open(path);
     let mut file = file.map_err(|e| BatchError::io(path, "cannot be made", &e))?;
     match file.try_lock() {
@@ -137,7 +159,7 @@ fn locked(path: &Path, name: &str) -> Result<File, BatchError> {
             let who = format!("process {} on {}", std::process::id(), host());
             // says to others who it is; nothing depends on it
             let _ = file.set_len(0).and_then(|()| file.write_all(who.as_bytes()));
-            Ok(file)
+            Ok(Some(file))
         }
         Err(TryLockError::WouldBlock) => {
             let mut who = String::new();
@@ -145,8 +167,47 @@ fn locked(path: &Path, name: &str) -> Result<File, BatchError> {
             let who = if who.is_empty() { "another process".to_owned() } else { who };
             Err(BatchError::again(format!("{}: {who} works on {name}; wait until it has ended", path.display())))
         }
-        Err(TryLockError::Error(error)) if error.kind() == std::io::ErrorKind::Unsupported => Ok(file), // such a file system knows no locks
-        Err(TryLockError::Error(error)) => Err(wrong(format!("cannot be locked: {}", plain(&error)))),
+        Err(TryLockError::Error(_)) => Ok(None),
+    }
+}
+
+/// A lock that all of one group hold together, and that nobody of another group may hold at the same time: two plans, or one in two divisions
+/// into shards, would do each other's work again.
+fn grouped(folder: &Path, group: &str) -> Result<Option<File>, BatchError> {
+    let name = format!("{group}.group");
+    for other in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let is_group = Path::new(&other.file_name()).extension().is_some_and(|e| e == "group");
+        if is_group && other.file_name() != name.as_str() && File::open(other.path()).is_ok_and(|file| is_held(&file)) {
+            let problem = "another plan, or another division into shards, is being run here; wait until it has ended";
+            return Err(BatchError::again(format!("{}: {problem}", other.path().display())));
+        }
+    }
+    let path = folder.join(name);
+    let file =
+        File::options().write(true).create(true).truncate(false).open(&path).map_err(|e| BatchError::io(&path, "cannot be made", &e))?;
+    Ok(file.try_lock_shared().is_ok().then_some(file))
+}
+
+fn is_held(file: &File) -> bool {
+    matches!(file.try_lock(), Err(TryLockError::WouldBlock))
+}
+
+/// True for takes that will not go better next time. Where the system or a bucket refused, or a machine was lost, the next run tries again.
+fn stays(take: &TakeRecord) -> bool {
+    let around = |one: &Try| one.ended == How::Lost || (one.ended == How::Exit && one.code == Some(75));
+    take.tries.last().is_none_or(|last| !around(last))
+}
+
+/// Which file or folder it is, whatever its name.
+fn identity(path: &Path) -> Option<(u64, u64)> {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        std::fs::metadata(path).ok().map(|data| (data.dev(), data.ino()))
+    }
+    #[cfg(not(unix))]
+    {
+        path.is_dir().then_some((0, 0))
     }
 }
 

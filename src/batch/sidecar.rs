@@ -47,6 +47,9 @@ pub struct Sidecar {
 pub struct InputFile {
     /// Name without folder.
     pub name: String,
+    /// Where it lay, as the plan says it.
+    #[serde(default)]
+    pub source: String,
     /// Size.
     pub bytes: u64,
     /// SHA-256, hexadecimal.

@@ -9,10 +9,13 @@ use crate::compression;
 use crate::input::{hash_file, hex, plain};
 use rayon::prelude::*;
 use sha2::{Digest, Sha256};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::Metadata;
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
+
+/// What makes a name a pattern.
+const WILD: [char; 3] = ['*', '?', '['];
 
 /// A take that was found.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -51,6 +54,9 @@ pub struct Findings {
 pub fn find(sources: &[String]) -> Result<Findings, BatchError> {
     let mut findings = Findings::default();
     let several = sources.len() > 1;
+    let folders: BTreeSet<PathBuf> =
+        sources.iter().filter(|source| !is_address(source)).filter_map(|source| local(source).ok()?.canonicalize().ok()).collect();
+    let names = told_apart(&folders);
     for source in sources {
         let named = |name: Option<String>| if several { name.map_or(String::new(), |name| name + "/") } else { String::new() };
         if is_address(source) {
@@ -59,12 +65,17 @@ pub fn find(sources: &[String]) -> Result<Findings, BatchError> {
         }
         let path = local(source)?;
         if path.is_dir() {
-            let prefix = named(path.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned())));
+            let path = path.canonicalize().map_err(|e| BatchError::at(&path, plain(&e)))?;
+            if let Some(output) = output_around(&path) {
+                findings.outputs.push(output);
+                continue;
+            }
+            let prefix = named(names.get(&path).cloned());
             walk(&path, &path, &prefix, &mut findings);
         } else if path.exists() {
             let root = path.parent().unwrap_or(Path::new("")).to_owned();
             findings.add(&path, &root, "", &path.metadata().map_err(|e| BatchError::at(&path, plain(&e)))?);
-        } else if source.contains(['*', '?', '[']) {
+        } else if source.contains(WILD) {
             find_by_pattern(source, &named, &mut findings)?;
         } else {
             return Err(BatchError::at(
@@ -77,6 +88,22 @@ pub fn find(sources: &[String]) -> Result<Findings, BatchError> {
     Ok(findings)
 }
 
+/// The last parts of each folder's name that are enough to tell them apart: `takes` and `scans`, or `day 1/takes` and `day 2/takes`.
+fn told_apart(folders: &BTreeSet<PathBuf>) -> BTreeMap<PathBuf, String> {
+    let last = |folder: &Path, parts: usize| {
+        let all: Vec<_> = folder.iter().map(|part| part.to_string_lossy().into_owned()).filter(|part| part != "/").collect();
+        all[all.len().saturating_sub(parts)..].join("/")
+    };
+    let most = folders.iter().map(|folder| folder.iter().count()).max().unwrap_or(1);
+    let apart = (1..=most).find(|&parts| folders.iter().map(|folder| last(folder, parts)).collect::<BTreeSet<_>>().len() == folders.len());
+    folders.iter().map(|folder| (folder.clone(), last(folder, apart.unwrap_or(most)))).collect()
+}
+
+/// The output folder of a batch that this folder lies in, or is.
+fn output_around(folder: &Path) -> Option<PathBuf> {
+    folder.ancestors().find(|around| around.join(OWN_FOLDER).is_dir()).map(Path::to_owned)
+}
+
 /// The lines of a list: one source each, `#` begins a comment. Names begin below what all of them have in common.
 ///
 /// # Errors
@@ -87,7 +114,7 @@ pub fn find_listed(list: &Path) -> Result<Findings, BatchError> {
         String::from_utf8(bytes).map_err(|_| BatchError::at(list, "is not UTF-8 text; a list has one path or address on each line"))?;
     let folder = list.parent().unwrap_or(Path::new(""));
     let mut findings = Findings::default();
-    for (at, line) in text.lines().enumerate() {
+    for (at, line) in text.trim_start_matches('\u{feff}').lines().enumerate() {
         let line = line.trim();
         if line.is_empty() || line.starts_with('#') {
             continue;
@@ -100,12 +127,19 @@ pub fn find_listed(list: &Path) -> Result<Findings, BatchError> {
             }
             continue;
         }
-        let path = absolute(&folder.join(line))?;
-        let metadata = path.metadata().map_err(|e| BatchError::at(list, format!("line {}: {line}: {}", at + 1, plain(&e))))?;
-        if metadata.is_dir() {
-            walk(&path, Path::new("/"), "", &mut findings);
-        } else {
-            findings.add(&path, Path::new("/"), "", &metadata);
+        let of_line = |problem: &str| BatchError::at(list, format!("line {}: {line}: {problem}", at + 1));
+        let path = if line.starts_with("file://") { local(line)? } else { absolute(&folder.join(line))? };
+        let root = Path::new("/");
+        match path.metadata() {
+            Ok(metadata) if metadata.is_dir() => walk(&path, root, "", &mut findings),
+            Ok(metadata) => findings.add(&path, root, "", &metadata),
+            Err(_) if line.contains(WILD) => {
+                let pattern = path.to_str().ok_or_else(|| of_line("is not UTF-8 text"))?;
+                let literal = pattern.find(WILD).and_then(|wild| pattern.get(..wild)).unwrap_or_default();
+                let literal = literal.rfind('/').and_then(|end| literal.get(..=end)).unwrap_or("/");
+                fitting(pattern, Path::new(literal), root, "", &mut findings).map_err(|e| of_line(&e.text))?;
+            }
+            Err(error) => return Err(of_line(&plain(&error))),
         }
     }
     let common = common_folders(findings.takes.iter().map(|take| take.path.as_str()));
@@ -144,8 +178,14 @@ pub fn walk(folder: &Path, root: &Path, prefix: &str, findings: &mut Findings) {
                 }
             }
             Ok(entry) if entry.file_type().is_dir() => {
-                if entry.path().join(OWN_FOLDER).is_dir() {
-                    findings.outputs.push(entry.path().to_owned());
+                // a link may lead into the middle of one
+                let output = if entry.path_is_symlink() {
+                    entry.path().canonicalize().ok().and_then(|path| output_around(&path))
+                } else {
+                    entry.path().join(OWN_FOLDER).is_dir().then(|| entry.path().to_owned())
+                };
+                if let Some(output) = output {
+                    findings.outputs.push(output);
                     entries.skip_current_dir();
                 }
             }
@@ -160,19 +200,27 @@ pub fn walk(folder: &Path, root: &Path, prefix: &str, findings: &mut Findings) {
 }
 
 fn find_by_pattern(source: &str, named: &impl Fn(Option<String>) -> String, findings: &mut Findings) -> Result<(), BatchError> {
-    let wrong = |problem: String| BatchError::at(Path::new(source), problem);
-    let literal = source.find(['*', '?', '[']).and_then(|wild| source.get(..wild)).unwrap_or_default();
+    let literal = source.find(WILD).and_then(|wild| source.get(..wild)).unwrap_or_default();
     let root = absolute(Path::new(literal.rfind('/').and_then(|end| literal.get(..=end)).unwrap_or(".")))?;
     let prefix = named(root.file_name().map(|name| name.to_string_lossy().into_owned()));
+    fitting(source, &root, &root, &prefix, findings)
+}
+
+/// Everything that fits a pattern. `literal`: the folder before its first wild character; `root`: what names are taken from.
+fn fitting(pattern: &str, literal: &Path, root: &Path, prefix: &str, findings: &mut Findings) -> Result<(), BatchError> {
+    let wrong = |problem: String| BatchError::at(Path::new(pattern), problem);
     let mut matched = false;
-    for path in glob::glob(source).map_err(|e| wrong(format!("is no pattern: {e}")))? {
+    for path in glob::glob(pattern).map_err(|e| wrong(format!("is no pattern: {e}")))? {
         matched = true;
         match path {
             Ok(path) => {
                 let path = absolute(&path)?;
+                if findings.leaves_out(&path, literal) {
+                    continue;
+                }
                 match path.metadata() {
-                    Ok(metadata) if metadata.is_dir() => walk(&path, &root, &prefix, findings),
-                    Ok(metadata) => findings.add(&path, &root, &prefix, &metadata),
+                    Ok(metadata) if metadata.is_dir() => walk(&path, root, prefix, findings),
+                    Ok(metadata) => findings.add(&path, root, prefix, &metadata),
                     Err(error) => findings.unreadable.push(format!("{}: {}", path.display(), plain(&error))),
                 }
             }
@@ -202,6 +250,8 @@ fn find_in_bucket(source: &str, named: &impl Fn(Option<String>) -> String, findi
     }
     let place = Place::parse(trimmed)?;
     let prefix = named(Some(last.to_owned()));
+    let before = findings.takes.len();
+    let mut outputs: BTreeSet<String> = BTreeSet::new();
     place.list(&mut |entry| {
         let entry = match entry {
             Ok(entry) => entry,
@@ -210,6 +260,11 @@ fn find_in_bucket(source: &str, named: &impl Fn(Option<String>) -> String, findi
                 return Ok(());
             }
         };
+        if let Some(end) =
+            entry.name.find(&format!("{OWN_FOLDER}/")).filter(|end| *end == 0 || entry.name.get(..*end).is_some_and(|n| n.ends_with('/')))
+        {
+            outputs.insert(entry.name.get(..end).unwrap_or_default().to_owned());
+        }
         if entry.name.split('/').any(|part| part.starts_with('.')) {
             return Ok::<(), StoreError>(());
         }
@@ -227,6 +282,14 @@ fn find_in_bucket(source: &str, named: &impl Fn(Option<String>) -> String, findi
         });
         Ok(())
     })?;
+    let below =
+        |take: &Found| outputs.iter().any(|output| take.source.get(trimmed.len() + 1..).is_some_and(|name| name.starts_with(output)));
+    let mut at = 0;
+    findings.takes.retain(|take| {
+        at += 1;
+        at <= before || !below(take)
+    });
+    findings.outputs.extend(outputs.iter().map(|output| PathBuf::from(format!("{trimmed}/{output}"))));
     Ok(())
 }
 
@@ -261,9 +324,31 @@ pub fn modified_ns(metadata: &Metadata) -> Option<u64> {
 }
 
 impl Findings {
+    /// True for what [`walk`] would not have come to below `root`: names that begin with a dot, and outputs of batches.
+    fn leaves_out(&mut self, path: &Path, root: &Path) -> bool {
+        let mut folder = root.to_owned();
+        for part in path.strip_prefix(root).unwrap_or(path) {
+            if folder.join(OWN_FOLDER).is_dir() {
+                if !self.outputs.contains(&folder) {
+                    self.outputs.push(folder);
+                }
+                return true;
+            }
+            if part.as_encoded_bytes().starts_with(b".") {
+                return true;
+            }
+            folder.push(part);
+        }
+        false
+    }
+
     fn add(&mut self, path: &Path, root: &Path, prefix: &str, metadata: &Metadata) {
         if !is_take(path) {
             self.count(path);
+            return;
+        }
+        if !metadata.is_file() {
+            self.unreadable.push(format!("{}: is no file", path.display()));
             return;
         }
         let inside = path.strip_prefix(root).unwrap_or(path);

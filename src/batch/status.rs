@@ -2,6 +2,7 @@
 
 use super::ledger::{self, Begun, Outcome, Record, Stop, TakeRecord};
 use super::plan::{Plan, Shard};
+use super::session::known;
 use super::store::Place;
 use super::{BatchError, OWN_FOLDER};
 use crate::report::{count, lines};
@@ -99,9 +100,9 @@ impl Status {
                         status.last.clone_from(&take.time);
                     }
                     let identity = take.planned.clone().unwrap_or_else(|| take.path.clone());
-                    let newer = accounted.get(&key_of(&identity, &take.path)).is_none_or(|before| before.time <= take.time);
+                    let newer = accounted.get(&known(&identity, &take.path)).is_none_or(|before| before.time <= take.time);
                     if newer {
-                        accounted.insert(key_of(&identity, &take.path), take);
+                        accounted.insert(known(&identity, &take.path), take);
                     }
                 }
                 Record::Ended(ended) => {
@@ -151,7 +152,7 @@ impl Status {
         for take in takes {
             let take = take?;
             self.takes += 1;
-            match accounted.get(&key_of(&take.identity(&header), &take.path)) {
+            match accounted.get(&known(&take.identity(&header), &take.path)) {
                 Some(record) => self.add(record),
                 None => self.open += 1,
             }
@@ -222,9 +223,4 @@ impl Status {
         }
         text
     }
-}
-
-/// Two takes may have the same content; they are accounted for one by one.
-fn key_of(identity: &str, path: &str) -> String {
-    format!("{identity}\n{path}")
 }

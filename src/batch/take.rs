@@ -3,9 +3,10 @@
 //! Everything is made in a folder of its own and gets its name at the end: the sidecar first, the repaired take last.
 //! Whatever happens in between, a take counts as done only if its sidecar's hashes fit what lies there.
 
+use super::OWN_FOLDER;
 use super::job::{Job, TakeResult, Verdict};
 use super::memory;
-use super::naming::beside;
+use super::naming::{BESIDE, beside};
 use super::plan::{PlannedTake, Wanted};
 use super::sidecar::{self, InputFile, MarkerSummary, NoteSaid, OutputFile, Sidecar, Summary};
 use super::sources::{is_address, modified_ns};
@@ -15,6 +16,7 @@ use crate::input::{hash_file, plain};
 use crate::repair::{RepairError, Request, repair};
 use crate::report::Report;
 use crate::solve::Observer;
+use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
@@ -77,12 +79,19 @@ pub fn check(out: &Place, take: &PlannedTake, config_sha256: &str, version: &str
 
 /// The SHA-256 of a take that lies in a folder, if it still is what was planned; `None` if it is not known before it is read.
 fn still_planned(take: &PlannedTake) -> Result<Option<String>, String> {
-    let Some(planned) = take.sha256.as_ref().filter(|_| !is_address(&take.source)) else { return Ok(None) };
-    let Ok(metadata) = std::fs::metadata(&take.source) else { return Ok(None) }; // whoever opens it will say why
+    if is_address(&take.source) {
+        return Ok(None);
+    }
+    let path = Path::new(&take.source);
+    let Some(planned) = &take.sha256 else {
+        // it could not be read then; whoever opens it now will say why if it still cannot
+        return Ok(hash_file(path).ok().map(|(sha256, _)| sha256));
+    };
+    let Ok(metadata) = std::fs::metadata(path) else { return Ok(None) };
     if metadata.len() == take.bytes && modified_ns(&metadata) == take.modified_ns {
         return Ok(Some(planned.clone()));
     }
-    match hash_file(Path::new(&take.source)) {
+    match hash_file(path) {
         Ok((sha256, _)) if sha256 == *planned => Ok(Some(sha256)),
         Ok(_) => Err(changed(&take.source)),
         Err(_) => Ok(None),
@@ -128,8 +137,15 @@ fn make(
     key: &mut Option<String>,
 ) -> Result<(Verdict, u8, Summary), Refused> {
     let take = &job.take;
+    if take.output.split('/').next() == Some(OWN_FOLDER) {
+        return Err((Verdict::Failed, format!("{}: no output can lie in {OWN_FOLDER}; plan again", take.output)));
+    }
+    for file in &job.files {
+        file.check().map_err(|problem| (Verdict::Failed, problem))?;
+    }
     let version = env!("CARGO_PKG_VERSION");
     let out = Place::parse(&job.out).map_err(|e| of_store(&e))?;
+    refuse_input(&out, take)?;
     // whoever hands out takes may not see what lies there, or somebody else did it in the meantime
     match check(&out, take, &job.config_sha256, version, job.wanted).map_err(|e| of_store(&e))? {
         Check::Done(sidecar) => {
@@ -139,15 +155,16 @@ fn make(
         Check::Changed(problem) => return Err((Verdict::Failed, problem)),
         Check::ToDo => {}
     }
-    let before = read_sidecar(&out, &take.output).map_err(|e| of_store(&e))?;
-    // one that is damaged still says that what lies there comes from a batch
-    let ours = before.is_some() || out.exists(&beside(&take.output, sidecar::EXTENSION)).map_err(|e| of_store(&e))?;
-    if !ours && !job.force && out.exists(&take.output).map_err(|e| of_store(&e))? {
-        let there = format!("{out}/{}", take.output);
-        let problem = format!(
-            "{there}: exists already and does not come from a batch; move it away, choose another --out, or say --force to replace it"
-        );
-        return Err((Verdict::Failed, problem));
+    let before = Before::read(&out, &take.output).map_err(|e| of_store(&e))?;
+    if !job.force {
+        if !before.ours {
+            refuse_to_replace(&out, take, job.wanted)?;
+        }
+        let other = before.sidecar.as_ref().map(|sidecar| &sidecar.input).filter(|input| input.source != take.source);
+        if let Some(input) = other.filter(|input| take.sha256.as_ref() != Some(&input.sha256)) {
+            let there = format!("{out}/{}: is the output of another take, {}", take.output, input.source);
+            return Err((Verdict::Failed, format!("{there}; choose another --out, or say --force to replace it")));
+        }
     }
 
     let work = Work::new(&out, &job.work).map_err(|e| of_io(&e, &job.out))?;
@@ -163,7 +180,7 @@ fn make(
         page: file(job.wanted.report, "html"),
         fills: file(job.wanted.fills, "fills.csv"),
     };
-    let request = request_of(&files, &job.config).map_err(|problem| (Verdict::BadInput, problem))?;
+    let request = request_of(&files, &job.config).map_err(|problem| (Verdict::Failed, problem))?;
     let report = repair(&request, watch, &AtomicBool::new(false)).map_err(|error| of_repair(&error, &files, take))?;
     *key = Some(sidecar::key(&report.input_sha256, &job.config_sha256, version));
     accept(&report, take)?;
@@ -178,6 +195,7 @@ fn make(
         path: take.path.clone(),
         input: InputFile {
             name: file_name(&take.path).to_owned(),
+            source: take.source.clone(),
             bytes: take.bytes,
             sha256: report.input_sha256.clone(),
             version: take.version.clone(),
@@ -191,8 +209,8 @@ fn make(
         sidecar_sha256: String::new(),
     };
     // nobody's file is replaced but one of an earlier run
-    let mode = if ours || job.force { Mode::Replace } else { Mode::Create };
-    place(&out, &take.output, &made, &sidecar, before.as_ref(), mode)?;
+    let mode = if before.ours || job.force { Mode::Replace } else { Mode::Create };
+    place(&out, &take.output, &made, &sidecar, &before, mode)?;
     Ok((Verdict::Done, sidecar.exit_code, sidecar.summary))
 }
 
@@ -233,50 +251,133 @@ fn accept(report: &Report, take: &PlannedTake) -> Result<(), Refused> {
 }
 
 /// Gives everything its name: the sidecar first, the repaired take last.
-fn place(out: &Place, output: &str, made: &Path, sidecar: &Sidecar, before: Option<&Sidecar>, mode: Mode) -> Result<(), Refused> {
-    let folder = output.rsplit_once('/').map_or(String::new(), |(folder, _)| format!("{folder}/"));
+fn place(out: &Place, output: &str, made: &Path, sidecar: &Sidecar, before: &Before, mode: Mode) -> Result<(), Refused> {
     let refused = |e: StoreError| of_store(&e);
+    // What is not wanted any more goes while the sidecar is still there that says whose it is. Only names that outputs can have: a sidecar may
+    // have been written by anybody.
+    for extension in BESIDE {
+        let name = beside(file_name(output), extension);
+        let listed = |sidecar: &Sidecar| sidecar.outputs.iter().any(|file| file.name == name);
+        if before.sidecar.as_ref().is_some_and(listed) && !listed(sidecar) {
+            out.remove(&beside(output, extension)).map_err(refused)?;
+        }
+    }
     let sidecar_name = beside(output, sidecar::EXTENSION);
     let sidecar_file = made.join(file_name(&sidecar_name));
     std::fs::write(&sidecar_file, sidecar.text()).map_err(|e| of_io(&e, output))?;
-    out.put(&sidecar_name, &sidecar_file, Mode::Replace).map_err(refused)?;
-    for file in sidecar.outputs.iter().skip(1) {
-        out.put(&format!("{folder}{}", file.name), &made.join(&file.name), Mode::Replace).map_err(refused)?;
-    }
-    if !out.put(output, &made.join(file_name(output)), mode).map_err(refused)? {
-        let there = out.sha256(output).map_err(refused)?;
-        // another run of the same take was quicker
-        if there.as_ref().map(|(sha256, _)| sha256) != sidecar.outputs.first().map(|file| &file.sha256) {
-            out.remove(&sidecar_name).map_err(refused)?;
-            return Err((Verdict::Failed, format!("{out}/{output}: was put there by somebody else in the meantime")));
+    let own = output_file(&sidecar_file).map_err(|e| of_io(&e, output))?;
+    let folder = output.strip_suffix(file_name(output)).unwrap_or_default();
+    for file in std::iter::once(&own).chain(sidecar.outputs.iter().skip(1)).chain(sidecar.outputs.first()) {
+        let name = format!("{folder}{}", file.name);
+        if !out.put(&name, &made.join(&file.name), mode).map_err(refused)? {
+            // another run of the same take may have been quicker, or this one before its connection broke
+            let there = out.sha256(&name).map_err(refused)?;
+            if there.is_none_or(|(sha256, _)| sha256 != file.sha256) {
+                let mine = out.sha256(&sidecar_name).map_err(refused)?.is_some_and(|(sha256, _)| sha256 == own.sha256);
+                if file.name != own.name && mine {
+                    out.remove(&sidecar_name).map_err(refused)?;
+                }
+                return Err((Verdict::Failed, format!("{out}/{name}: was put there by somebody else in the meantime")));
+            }
         }
-    }
-    let stale = before.iter().flat_map(|before| &before.outputs).filter(|old| !sidecar.outputs.iter().any(|new| new.name == old.name));
-    for old in stale {
-        out.remove(&format!("{folder}{}", old.name)).map_err(refused)?;
     }
     Ok(())
 }
 
-/// A folder for files that have not got their names yet. It goes when it is dropped, or before the next run of its shard.
+/// What lies in the output folder from an earlier run.
+struct Before {
+    /// What it left, if that is whole.
+    sidecar: Option<Sidecar>,
+    /// What lies there comes from a batch.
+    ours: bool,
+}
+
+impl Before {
+    fn read(out: &Place, output: &str) -> Result<Self, StoreError> {
+        let bytes = out.read(&beside(output, sidecar::EXTENSION), sidecar::LARGEST)?;
+        let sidecar = bytes.as_deref().and_then(Sidecar::parse);
+        // one that is damaged still says whose it is
+        let ours = sidecar.is_some() || bytes.is_some_and(|bytes| bytes.starts_with(br#"{"message_type":"sidecar""#));
+        Ok(Self { sidecar, ours })
+    }
+}
+
+/// The input is never written, whatever is forced.
+fn refuse_input(out: &Place, take: &PlannedTake) -> Result<(), Refused> {
+    let names = std::iter::once(take.output.clone()).chain(BESIDE.into_iter().map(|extension| beside(&take.output, extension)));
+    for name in names {
+        let same = match out.folder() {
+            Some(folder) => !is_address(&take.source) && crate::staging::same_file(Path::new(&take.source), &folder.join(&name)),
+            None => take.source == format!("{out}/{name}"),
+        };
+        if same {
+            return Err((Verdict::Failed, "is the take that is read; choose another --out".to_owned()));
+        }
+    }
+    Ok(())
+}
+
+/// Nothing is replaced that does not come from a batch.
+fn refuse_to_replace(out: &Place, take: &PlannedTake, wanted: Wanted) -> Result<(), Refused> {
+    let extensions = [(wanted.log, "mcap"), (wanted.report, "html"), (wanted.fills, "fills.csv"), (true, sidecar::EXTENSION)];
+    let beside = extensions.into_iter().filter(|(wanted, _)| *wanted).map(|(_, extension)| beside(&take.output, extension));
+    for name in std::iter::once(take.output.clone()).chain(beside) {
+        if out.exists(&name).map_err(|e| of_store(&e))? {
+            let problem = format!(
+                "{out}/{name}: exists already and does not come from a batch; move it away, choose another --out, or say --force to replace it"
+            );
+            return Err((Verdict::Failed, problem));
+        }
+    }
+    Ok(())
+}
+
+/// A folder for files that have not got their names yet. It goes when it is dropped; what a kill leaves goes with the next run of its shard,
+/// or on a machine that works for a bucket, with the next take there.
 struct Work {
     path: PathBuf,
-    _held: Option<tempfile::TempDir>,
+    _held: Option<(tempfile::TempDir, File)>,
 }
+
+/// What temporary folders of takes are called, and the file in each that its process holds.
+const TEMPORARY: &str = "mocap-repair-take-";
+const HELD: &str = "held";
 
 impl Work {
     /// Below the output folder, so that names cost nothing; or, for a bucket, where temporary files are.
     fn new(out: &Place, name: &str) -> io::Result<Self> {
         let Some(folder) = out.folder() else {
-            let held = tempfile::Builder::new().prefix("mocap-repair-").tempdir()?;
-            return Ok(Self { path: held.path().to_owned(), _held: Some(held) });
+            sweep(&std::env::temp_dir());
+            let held = tempfile::Builder::new().prefix(TEMPORARY).tempdir()?;
+            // whoever sees the file sees it held
+            let fresh = held.path().join("fresh");
+            let file = File::create(&fresh)?;
+            file.lock()?;
+            std::fs::rename(fresh, held.path().join(HELD))?;
+            return Ok(Self { path: held.path().to_owned(), _held: Some((held, file)) });
         };
+        if !folder.join(OWN_FOLDER).is_dir() {
+            let problem = "the output folder is not what it was when the run began; is it still connected?";
+            return Err(io::Error::new(io::ErrorKind::NotFound, problem));
+        }
         let path = folder.join(name);
         if path.exists() {
             std::fs::remove_dir_all(&path)?;
         }
         std::fs::create_dir_all(&path)?;
         Ok(Self { path, _held: None })
+    }
+}
+
+/// Removes temporary folders whose processes are gone. What cannot be removed is in nobody's way.
+fn sweep(folder: &Path) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        if entry.file_name().as_encoded_bytes().starts_with(TEMPORARY.as_bytes()) && entry.file_type().is_ok_and(|kind| kind.is_dir()) {
+            let held = File::open(entry.path().join(HELD));
+            if held.is_ok_and(|file| file.try_lock().is_ok()) {
+                let _ = std::fs::remove_dir_all(entry.path());
+            }
+        }
     }
 }
 
@@ -310,7 +411,8 @@ fn of_io(error: &io::Error, place: &str) -> Refused {
         io::ErrorKind::PermissionDenied | io::ErrorKind::NotFound | io::ErrorKind::ReadOnlyFilesystem => Verdict::Failed,
         _ => Verdict::Again,
     };
-    (verdict, format!("{place}: {}", plain(error)))
+    let said = if error.get_ref().is_some() { error.to_string() } else { plain(error) };
+    (verdict, format!("{place}: {said}"))
 }
 
 /// What the system refuses may go well another time; everything else is the input's fault.
@@ -320,6 +422,8 @@ fn of_repair(error: &RepairError, files: &Files, take: &PlannedTake) -> Refused 
         Some(io::ErrorKind::PermissionDenied | io::ErrorKind::NotFound | io::ErrorKind::ReadOnlyFilesystem) => Verdict::Failed,
         Some(_) => Verdict::Again,
         None if matches!(error, RepairError::Interrupted { .. }) => Verdict::Again,
+        // a table of bones or the like is the same for all takes
+        None if error.path() != files.input && error.path() != files.output => Verdict::Failed,
         None => Verdict::BadInput,
     };
     // names of copies and of hidden folders tell nobody anything

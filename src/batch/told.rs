@@ -12,6 +12,9 @@ use std::time::Duration;
 /// So many names are shown; `--json` has them all.
 const MOST_NAMES: usize = 8;
 
+/// What is said of takes without a hash.
+const UNREAD: &str = "cannot be read at the moment; it is planned, and a run will try";
+
 /// A size for people.
 pub fn size(bytes: u64) -> String {
     let units = ["bytes", "kB", "MB", "GB", "TB", "PB"];
@@ -51,6 +54,7 @@ pub fn plan_text(planned: &Planned, findings: &Findings, path: &Path, style: &St
         .problems
         .iter()
         .map(|take| format!("{}: {}", take.path, take.problem.as_deref().unwrap_or_default()))
+        .chain(planned.unread.iter().map(|path| format!("{path}: {UNREAD}")))
         .chain(findings.unreadable.iter().cloned())
         .collect();
     for trouble in troubles.iter().take(MOST_NAMES) {
@@ -77,6 +81,7 @@ pub fn plan_json(planned: &Planned, findings: &Findings, path: &Path) -> String 
     messages.extend(
         planned.problems.iter().map(|take| Message::Problem { path: Some(&take.path), text: take.problem.as_deref().unwrap_or_default() }),
     );
+    messages.extend(planned.unread.iter().map(|path| Message::Problem { path: Some(path), text: UNREAD }));
     messages.extend(findings.unreadable.iter().map(|text| Message::Problem { path: None, text }));
     messages.extend(findings.others.iter().map(|(extension, files)| Message::LeftOut { extension, files: *files }));
     messages.push(Message::Planned {
@@ -85,7 +90,7 @@ pub fn plan_json(planned: &Planned, findings: &Findings, path: &Path) -> String 
         bytes: planned.header.bytes,
         copies: planned.copies,
         renamed: planned.renamed.len(),
-        problems: planned.problems.len() + findings.unreadable.len(),
+        problems: planned.problems.len() + planned.unread.len() + findings.unreadable.len(),
         config_sha256: &planned.header.config_sha256,
     });
     lines(&messages)
@@ -108,14 +113,14 @@ pub fn run_text(ended: &Ended, why: &str, from: &str, to: &str, took: Duration, 
     let secs = took.as_secs_f64();
     let ran = ended.done + ended.quarantined + ended.failed;
     let speed = if ran > 0 && secs > 0.0 { format!(", {:.2} takes/s", ran as f64 / secs) } else { String::new() };
-    text += &style.item("time", &format!("{}{speed}", rounded(secs)));
+    text += &style.item("time", &if secs < 1.0 { format!("below 1 s{speed}") } else { format!("{}{speed}", rounded(secs)) });
     let why = formats::printable(why);
     let stopped = match ended.stop {
         Stop::Complete => return text,
         Stop::Interrupted => "interrupted; the same command goes on".to_owned(),
         Stop::DiskFull => format!("no room: {why}; make room, and the same command goes on"),
-        Stop::TooManyFailures => why,
-        Stop::Engine => format!("{why}; the same command goes on"),
+        Stop::Engine if !why.contains("the same command") => format!("{why}; the same command goes on"),
+        Stop::TooManyFailures | Stop::Engine => why,
     };
     text + &style.item("stopped", &stopped)
 }

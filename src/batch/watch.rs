@@ -10,9 +10,12 @@ use super::planning::planned;
 use super::run::{Next, Supply};
 use super::sources::{Findings, Found, hashes, walk};
 use super::store::Place;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+
+/// How long a take waits that something around it kept from being repaired.
+const AGAIN: Duration = Duration::from_secs(60);
 
 /// The takes of a folder, as they come.
 pub struct Watched {
@@ -25,6 +28,9 @@ pub struct Watched {
     seen: BTreeMap<String, Seen>,
     ready: VecDeque<Found>,
     looked: Option<Instant>,
+    /// What could not be looked into, told already or not yet.
+    told: BTreeSet<String>,
+    remarks: VecDeque<String>,
 }
 
 /// A take as it was when it last changed.
@@ -48,7 +54,23 @@ impl Watched {
                 names.reserve(&take.output, &take.path);
             }
         })?;
-        Ok(Self { folder: folder.to_owned(), settle, every, once, names, seen: BTreeMap::new(), ready: VecDeque::new(), looked: None })
+        Ok(Self {
+            folder: folder.to_owned(),
+            settle,
+            every,
+            once,
+            names,
+            seen: BTreeMap::new(),
+            ready: VecDeque::new(),
+            looked: None,
+            told: BTreeSet::new(),
+            remarks: VecDeque::new(),
+        })
+    }
+
+    /// True if something could not be looked into.
+    pub fn is_troubled(&self) -> bool {
+        !self.told.is_empty()
     }
 
     /// Looks through the folder; what has stopped growing is ready.
@@ -56,12 +78,20 @@ impl Watched {
         self.looked = Some(now);
         let mut findings = Findings::default();
         walk(&self.folder, &self.folder, "", &mut findings);
+        for text in &findings.unreadable {
+            if self.told.insert(text.clone()) {
+                self.remarks.push_back(text.clone());
+            }
+        }
+        if !self.folder.is_dir() {
+            return; // a share that is away for a while; what was seen there is remembered
+        }
         let mut there = BTreeMap::new();
         for found in findings.takes {
             let before = self.seen.remove(&found.path);
             let seen = match before {
                 Some(seen) if seen.bytes == found.bytes && seen.modified_ns == found.modified_ns => {
-                    let settled = !seen.handed_out && now.duration_since(seen.since) >= self.settle;
+                    let settled = !seen.handed_out && now.checked_duration_since(seen.since).is_some_and(|still| still >= self.settle);
                     if settled {
                         self.ready.push_back(found.clone());
                     }
@@ -81,7 +111,8 @@ impl Watched {
         let metadata = std::fs::metadata(&found.source).ok();
         let same = metadata.is_some_and(|now| now.len() == found.bytes && super::sources::modified_ns(&now) == found.modified_ns);
         if !same && found.problem.is_none() {
-            self.seen.remove(&found.path);
+            let seen = Seen { bytes: found.bytes, modified_ns: None, since: Instant::now(), handed_out: false };
+            self.seen.insert(found.path.clone(), seen);
             return None;
         }
         Some(planned(found, sha256, &mut self.names))
@@ -89,8 +120,21 @@ impl Watched {
 }
 
 impl Supply for Watched {
+    /// It is handed out again after a while; unless all is to end some time.
+    fn failed(&mut self, path: &str) {
+        if !self.once
+            && let Some(seen) = self.seen.get_mut(path)
+        {
+            seen.since = Instant::now() + AGAIN;
+            seen.handed_out = false;
+        }
+    }
+
     fn next(&mut self) -> Next {
         loop {
+            if let Some(remark) = self.remarks.pop_front() {
+                return Next::Remark(remark);
+            }
             if let Some(found) = self.ready.pop_front() {
                 if let Some(take) = self.planned(&found) {
                     return Next::Take(Box::new(take));
@@ -101,7 +145,7 @@ impl Supply for Watched {
             let waited = self.looked.map(|looked| now.duration_since(looked));
             if waited.is_none_or(|waited| waited >= self.every) {
                 self.look(now);
-                if !self.ready.is_empty() {
+                if !self.ready.is_empty() || !self.remarks.is_empty() {
                     continue;
                 }
             }

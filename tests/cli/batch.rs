@@ -220,10 +220,10 @@ fn bad_takes_are_put_aside_once_and_tried_again_when_asked_for() {
 
     // another file of that name is another take
     put(&lab, "in/empty.csv", table.as_bytes());
-    assert_eq!(run(&lab, &[]).code, 3);
+    assert_eq!(run(&lab, &[]).code, 1);
     let seen = records(&lab.path("out"));
     let (_, changed) = seen.iter().rev().find(|(_, record)| record["path"] == "empty.csv").unwrap();
-    assert_eq!(changed["outcome"], "quarantined", "by what was planned: {changed}");
+    assert_eq!(changed["outcome"], "failed", "it is not what was planned: {changed}");
     plan(&lab, &[]).with_code(0);
     run(&lab, &[]);
     assert!(lab.path("out/empty.csv").exists());
@@ -254,7 +254,7 @@ fn nobody_elses_file_is_replaced() {
     let lab = studio();
     plan(&lab, &[]).with_code(0);
     put(&lab, "out/Day 1/walk.c3d", b"mine");
-    assert_eq!(run(&lab, &[]).code, 3);
+    assert_eq!(run(&lab, &[]).code, 1, "somebody has to do something first");
     assert_eq!(lab.read("out/Day 1/walk.c3d"), b"mine");
     let seen = records(&lab.path("out"));
     let (_, record) = seen.iter().find(|(_, record)| record["path"] == "Day 1/walk.c3d").unwrap();
@@ -263,7 +263,7 @@ fn nobody_elses_file_is_replaced() {
     assert_ne!(lab.read("out/Day 1/walk.c3d"), b"mine");
 
     let told = lab.run(&["batch", "run", "plan.jsonl", "--out", "in"]);
-    assert!(told.code == 1 && told.err.contains("holds the takes that are read"), "{told:?}");
+    assert!(told.code == 1 && told.err.contains("choose another --out"), "{told:?}");
     // outputs are no inputs
     put(&lab, "in/results/x.c3d", &lab.read("walk-gaps.c3d"));
     std::fs::create_dir(lab.path("in/results/.mocap-repair")).unwrap();
@@ -276,7 +276,7 @@ fn what_changed_since_it_was_planned_is_not_repaired() {
     let lab = studio();
     plan(&lab, &[]).with_code(0);
     put(&lab, "in/Day 1/walk.c3d", &lab.read("walk-truth.c3d"));
-    assert_eq!(run(&lab, &[]).code, 3);
+    assert_eq!(run(&lab, &[]).code, 1);
     assert!(!lab.path("out/Day 1/walk.c3d").exists());
     let seen = records(&lab.path("out"));
     let (_, record) = seen.iter().find(|(_, record)| record["path"] == "Day 1/walk.c3d").unwrap();
@@ -371,7 +371,7 @@ fn plans_that_cannot_be_run_are_refused() {
     };
     refused(&["batch", "plan", "nowhere", "-o", "plan.jsonl"], 1, "no such file or folder");
     std::fs::create_dir(lab.path("nothing")).unwrap();
-    refused(&["batch", "plan", "nothing", "-o", "plan.jsonl"], 1, "takes end in .c3d");
+    refused(&["batch", "plan", "nothing", "-o", "plan.jsonl"], 1, "takes end in .bvh, .c3d");
     lab.write("single.toml", "fills = \"x.csv\"\n");
     refused(&["batch", "plan", "in", "-o", "plan.jsonl", "--config", "single.toml"], 2, "a batch has --fills");
     refused(

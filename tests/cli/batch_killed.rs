@@ -66,10 +66,11 @@ fn processes_of_takes_end_with_their_run() {
     let work = lab.path("out/.mocap-repair/staging");
     let count = || walk(&work);
     wait_for("work", || count() >= 2);
+    let own = lab.path("out");
+    assert!(running(own.to_str().unwrap()), "this test would see nothing");
     child.kill().unwrap();
     child.wait().unwrap();
     // a process that goes on would go on writing its log
-    let own = lab.path("out");
     wait_for("an end", || !running(own.to_str().unwrap()));
 }
 

@@ -3,7 +3,7 @@
 //! - `repairing`: the main job, and the demonstration take
 //! - `converting`: `convert`, `.zst`, `--missing`, `--float`
 //! - `logs`: what is in the log on demand, and what is taken out of it
-//! - `batch`, `batch_killed`: many takes, and runs of them that are ended from outside
+//! - `batch`, `batch_killed`, `batch_harm`: many takes, runs of them that are ended from outside, and what they must not harm
 //! - `batch_report`: the report on them
 //! - `auto`: what the default method says about its fills
 //! - `options`: what each option changes in the files
@@ -23,6 +23,7 @@
 
 mod auto;
 mod batch;
+mod batch_harm;
 mod batch_killed;
 mod batch_report;
 mod config;

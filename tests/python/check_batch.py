@@ -207,7 +207,7 @@ class Studio:
         try:
             out = disk / "out"
             code, _, err = run(self.program, self.plan, out)
-            check("a full disk ends the run", code == 75 and "no room" in err.lower() or "space" in err.lower(), (code, err[-500:]))
+            check("a full disk ends the run", code == 75 and ("no room" in err.lower() or "space" in err.lower()), (code, err[-500:]))
             print(f"   {err.strip()[-300:]}")
             aside = [r for r in records(out) if r["outcome"] == "quarantined" and r["path"] not in self.bad]
             check("... puts no good take aside", not aside, aside[:2])
@@ -276,7 +276,7 @@ def main():
     parser.add_argument("program", type=Path)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--takes", type=int, default=100)
-    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--rounds", type=int, default=10)
     parser.add_argument("--many", type=int, default=2000)
     parser.add_argument("--data")
     args = parser.parse_args()

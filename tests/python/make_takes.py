@@ -3,7 +3,7 @@
     make_takes.py PROGRAM FOLDER NUMBER [SHARED_DATA]
 
 Good takes are cuts and copies of real ones, if SHARED_DATA is there, and of the demonstration take. Their names collide when cases are ignored, have
-blanks and letters beyond ASCII. One in fifty is bad: cut off, empty, some text, nothing ever seen, sizes that are declared and not there.
+blanks and letters beyond ASCII. One in fifty, and at least five, are bad: cut off, empty, some text, nothing ever seen, sizes that are declared and not there.
 Writes which ones are bad to FOLDER.bad, one path on each line. The same arguments make the same files.
 """
 
@@ -87,7 +87,7 @@ def main(program, folder, number, shared=None):
         lambda k: (".c3d", huge(good_c3d)),
     ]
     chance = random.Random(20)
-    bad = set(chance.sample(range(number), number // 50))
+    bad = set(chance.sample(range(number), max(5, number // 50)))
     folders = ["Session 1/cam A", "Session 1/cam B", "Søndag/Mål", "été 2026", "S3"]
     names = ["Walk {}", "walk {}", "WALK {}", "gå {}", "跑步 {}", "run#{}%20", "squat-{}", "Jump_{}"]
     written = []

@@ -38,8 +38,7 @@ impl Local {
         Self { program, slots: slots.max(1), cores, memory, abandoned: AtomicBool::new(false), left: AtomicUsize::new(usize::MAX) }
     }
 
-    fn start(&self, job: &Job) -> std::io::Result<(Child, std::fs::File)> {
-        let stderr = tempfile::tempfile()?;
+    fn start(&self, job: &Job, stderr: &std::fs::File) -> std::io::Result<Child> {
         let mut command = Command::new(&self.program);
         command.args(["batch", "take"]).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(stderr.try_clone()?);
         #[cfg(unix)]
@@ -54,7 +53,7 @@ impl Local {
             // a process that is gone already tells why by how it ended
             let _ = stdin.write_all(line.as_bytes()).and_then(|()| stdin.flush());
         }
-        Ok((child, stderr))
+        Ok(child)
     }
 }
 
@@ -68,14 +67,20 @@ impl Engine for Local {
     }
 
     fn run(&self, mut job: Job, allowed: Allowed, say: &(dyn Fn(&str) + Sync)) -> Result<Attempt, BatchError> {
-        let share = if allowed.alone { self.memory.all } else { allowed.memory_bytes.min(self.memory.all) };
-        let held = self.memory.take(share, || say("waiting for memory"));
+        // what a take may take is what is held for it, so that all together never take more than there is
+        let even = self.memory.all / self.slots as u64;
+        let share = if allowed.alone { self.memory.all } else { allowed.memory_bytes.max(even).min(self.memory.all) };
+        let Some(held) = self.memory.take(share, || say("waiting for memory")) else {
+            let (ended, told) = (How::Lost, "the run ended before its turn came".to_owned());
+            return Ok(Attempt { ended, code: None, signal: None, result: None, told, elapsed: Duration::ZERO });
+        };
         let together = if allowed.alone { 1 } else { self.slots.min(self.left.load(Ordering::Relaxed)).max(1) };
         job.threads = (self.cores / together).max(1);
-        job.memory_bytes = Some(if allowed.alone { self.memory.all } else { (self.memory.all / self.slots as u64).max(share) });
+        job.memory_bytes = Some(share);
         let began = Instant::now();
+        let mut stderr = tempfile::tempfile().map_err(|e| BatchError::again(format!("a temporary file cannot be made: {}", plain(&e))))?;
         let failed = |e: std::io::Error| BatchError::again(format!("{}: cannot be started: {}", self.program.display(), plain(&e)));
-        let (mut child, mut stderr) = self.start(&job).map_err(failed)?;
+        let mut child = self.start(&job, &stderr).map_err(failed)?;
         let (said, hear) = sync_channel(64);
         let stdout = child.stdout.take();
         let mut result = None;
@@ -90,6 +95,7 @@ impl Engine for Local {
                     }
                 }
             });
+            let hear = hear; // goes before the other thread is waited for, which may be about to say something
             loop {
                 let closed = match hear.recv_timeout(TICK) {
                     Ok(Said::Phase { text }) => {
@@ -128,8 +134,14 @@ impl Engine for Local {
         Ok(Attempt { ended, code: status.code(), signal, result, told, elapsed: began.elapsed() })
     }
 
+    fn wind_down(&self) {
+        self.memory.taken.lock().unwrap_or_else(PoisonError::into_inner).closed = true;
+        self.memory.freed.notify_all();
+    }
+
     fn abandon(&self) {
         self.abandoned.store(true, Ordering::Relaxed);
+        self.wind_down();
     }
 
     fn last_ones(&self, running: usize) {
@@ -168,13 +180,15 @@ struct Taken {
     /// Somebody large waits: nobody else gets in before.
     queue: u64,
     served: u64,
+    /// Nobody gets in any more.
+    closed: bool,
 }
 
 struct Held<'a>(&'a Memory, u64);
 
 impl Memory {
-    /// First come, first served, so that large takes do not wait for ever.
-    fn take(&self, bytes: u64, waiting: impl FnOnce()) -> Held<'_> {
+    /// First come, first served, so that large takes do not wait for ever. `None` if the run ended before.
+    fn take(&self, bytes: u64, waiting: impl FnOnce()) -> Option<Held<'_>> {
         let mut taken = self.taken.lock().unwrap_or_else(PoisonError::into_inner);
         let ticket = taken.queue;
         taken.queue += 1;
@@ -182,11 +196,14 @@ impl Memory {
         if !fits(&taken) {
             waiting();
         }
-        let mut taken = self.freed.wait_while(taken, |taken| !fits(taken)).unwrap_or_else(PoisonError::into_inner);
+        let mut taken = self.freed.wait_while(taken, |taken| !taken.closed && !fits(taken)).unwrap_or_else(PoisonError::into_inner);
+        if taken.closed {
+            return None;
+        }
         taken.bytes += bytes;
         taken.served += 1;
         self.freed.notify_all();
-        Held(self, bytes)
+        Some(Held(self, bytes))
     }
 }
 
@@ -210,7 +227,7 @@ mod tests {
             for bytes in [60, 30, 100, 40, 500, 50, 50] {
                 let (memory, most, now) = (&memory, &most, &now);
                 scope.spawn(move || {
-                    let _held = memory.take(bytes, || {});
+                    let _held = memory.take(bytes, || {}).unwrap();
                     let together = now.fetch_add(bytes as usize, Ordering::SeqCst) + bytes as usize;
                     most.fetch_max(if together > 100 && together != bytes as usize { together } else { 0 }, Ordering::SeqCst);
                     std::thread::sleep(Duration::from_millis(5));

@@ -52,6 +52,9 @@ pub trait Engine: Sync {
     /// The engine itself is gone, so that no take can be run any more.
     fn run(&self, job: Job, allowed: Allowed, say: &(dyn Fn(&str) + Sync)) -> Result<Attempt, BatchError>;
 
+    /// Takes that wait are not begun any more; those that run go on.
+    fn wind_down(&self) {}
+
     /// Ends everything that runs, as soon as can be.
     fn abandon(&self);
 

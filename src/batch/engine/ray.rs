@@ -18,6 +18,9 @@ use std::sync::mpsc::{RecvTimeoutError, Sender, SyncSender, channel, sync_channe
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+/// What the driver is called while it is read.
+const SCRIPT: &str = "ray_driver.py";
+
 const DRIVER: &str = include_str!("ray_driver.py");
 
 /// How long Ray may take to start, or to be reached.
@@ -54,7 +57,7 @@ pub struct Ray {
     driver: Mutex<Child>,
     say: Mutex<Option<ChildStdin>>,
     waiting: Arc<Mutex<Waiting>>,
-    _script: tempfile::TempDir,
+    script: tempfile::TempDir,
 }
 
 #[derive(Default)]
@@ -110,7 +113,7 @@ impl Ray {
         let io = |what: &str, e: &std::io::Error| BatchError { text: format!("{what}: {}", plain(e)), again: false };
         let script =
             tempfile::Builder::new().prefix("mocap-repair-ray-").tempdir().map_err(|e| io("a temporary folder cannot be made", &e))?;
-        let path = script.path().join("ray_driver.py");
+        let path = script.path().join(SCRIPT);
         std::fs::write(&path, DRIVER).map_err(|e| io(&path.display().to_string(), &e))?;
         let python = wish.python.display().to_string();
         let mut command = Command::new(&wish.python);
@@ -140,15 +143,24 @@ impl Ray {
             std::thread::spawn(move || listen(BufReader::new(stdout), &waiting, &heard, &told));
         }
         let say = Mutex::new(driver.stdin.take());
-        let mut ray = Self { slots: 1, memory_bytes: wish.memory_bytes, driver: Mutex::new(driver), say, waiting, _script: script };
+        let mut ray = Self { slots: 1, memory_bytes: wish.memory_bytes, driver: Mutex::new(driver), say, waiting, script };
         let (program_sha256, _) = hash_file(&wish.program).map_err(|e| io(&wish.program.display().to_string(), &e))?;
         let start = Told::Start { program: &wish.program, program_sha256, address: wish.address.as_deref(), cpus: wish.jobs, temp: None };
         // a driver that is gone already says why
         let _ = ray.tell(&start);
         match hear.recv_timeout(START) {
             Ok(Ok(cpus)) => {
+                // it was read; whoever is killed leaves nothing
+                let _ = std::fs::remove_file(ray.script.path().join(SCRIPT));
+                let _ = std::fs::remove_dir(ray.script.path());
                 let ahead = AHEAD * (cpus as usize).max(1);
-                ray.slots = wish.jobs.map_or(if wish.address.is_some() { ahead.max(LEAST_AHEAD) } else { ahead }, |jobs| AHEAD * jobs);
+                ray.slots = match (wish.jobs, &wish.address) {
+                    // on somebody's cluster it is a limit; a local one has as many cores
+                    (Some(jobs), Some(_)) => jobs,
+                    (Some(jobs), None) => AHEAD * jobs,
+                    (None, Some(_)) => ahead.max(LEAST_AHEAD),
+                    (None, None) => ahead,
+                };
                 Ok(ray)
             }
             Ok(Err(text)) => Err(BatchError { text, again: false }),

@@ -17,7 +17,6 @@ pub use collect::{Collected, Plans, collect};
 use super::BatchError;
 use super::ledger::Outcome;
 use super::sidecar::Sidecar;
-use crate::input::plain;
 use crate::staging::{self, Placed};
 use serde::Serialize;
 use std::io::{self, Write};
@@ -143,7 +142,7 @@ pub struct Written {
 /// The page is to have the name of a table, one of the files is there already and `force` is not given, or they cannot be written.
 pub fn write(rows: impl Iterator<Item = FleetRow>, about: &About, out_html: &Path, force: bool) -> Result<Written, BatchError> {
     let csv = out_html.with_extension("csv");
-    let unwritable = |path: &Path, e: &io::Error| BatchError::at(path, format!("cannot be written: {}", plain(e)));
+    let unwritable = |path: &Path, e: &io::Error| BatchError::io(path, "cannot be written", e);
     if csv == out_html {
         return Err(BatchError::at(
             out_html,
@@ -151,6 +150,10 @@ pub fn write(rows: impl Iterator<Item = FleetRow>, about: &About, out_html: &Pat
         ));
     }
     for path in [out_html, &csv] {
+        let sidecar = super::naming::beside(&path.to_string_lossy(), super::sidecar::EXTENSION);
+        if Path::new(&sidecar).exists() || super::sources::is_take(out_html) {
+            return Err(BatchError::at(path, "is the name of a take; give another name"));
+        }
         if staging::is_there(path) && !force {
             return Err(BatchError::at(path, "exists already; give another name, or say --force to replace it"));
         }

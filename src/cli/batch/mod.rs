@@ -14,9 +14,9 @@ use crate::batch::engine::local::Local;
 use crate::batch::engine::ray::{Ray, Wish};
 use crate::batch::fleet::{self, Plans};
 use crate::batch::job::{Job, Said, TakeResult, Verdict};
-use crate::batch::ledger::{self, Begun, Stop};
+use crate::batch::ledger::{self, Begun, Ledger, Stop};
 use crate::batch::plan::{Header, Plan, Shard, Wanted};
-use crate::batch::planning::{Way, plan};
+use crate::batch::planning::{Way, plan, sha256_of};
 use crate::batch::progress::{Json, Live, Plain, Silent, Tally};
 use crate::batch::run::{Next, Settings, Supply, Watcher, run};
 use crate::batch::session::{self, Session};
@@ -39,6 +39,13 @@ use std::time::Instant;
 
 /// Does what a command says and returns the exit code.
 pub(super) fn command(command: &BatchCommand, interrupt: &AtomicBool, heed: fn()) -> u8 {
+    let json = match command {
+        BatchCommand::Plan(args) => args.json,
+        BatchCommand::Run(args) => args.engine.json,
+        BatchCommand::Watch(args) => args.engine.json,
+        BatchCommand::Status(args) => args.json,
+        BatchCommand::Report(_) | BatchCommand::Take => false,
+    };
     let done = match command {
         BatchCommand::Take => return run_take(),
         BatchCommand::Plan(args) => run_plan(args).map(|(code, text)| {
@@ -57,7 +64,7 @@ pub(super) fn command(command: &BatchCommand, interrupt: &AtomicBool, heed: fn()
         BatchCommand::Report(args) => run_report(args),
     };
     done.unwrap_or_else(|(text, code)| {
-        super::fail(&text, false);
+        super::fail(&text, json);
         code
     })
 }
@@ -82,11 +89,9 @@ impl WayArgs {
             super::Refused::Config { problem, .. } => (problem, 2),
         })?;
         let args = &cli.repair;
-        let single =
-            [("fills", args.fills.is_some()), ("log", args.log.is_some()), ("report", args.report.is_some()), ("dry-run", args.dry_run)];
-        if let Some((key, _)) = single.iter().find(|(_, said)| *said) {
+        if let Some(key) = for_one_take(args) {
             let config = self.config.as_deref().unwrap_or(Path::new("")).display();
-            return Err((format!("{config}: {key} is for one take; a batch has --fills, --reports and --no-log"), 2));
+            return Err((format!("{config}: {key} is for single takes; a batch has --fills, --reports and --no-log"), 2));
         }
         let request = args.request();
         Ok(Way {
@@ -96,6 +101,29 @@ impl WayArgs {
             wanted: Wanted { log: !self.no_log && !args.no_log, report: self.reports, fills: self.fills },
         })
     }
+}
+
+/// An option that is for one take and not for many, if one was said.
+fn for_one_take(args: &RepairArgs) -> Option<&'static str> {
+    let single = [
+        ("fills", args.fills.is_some()),
+        ("log", args.log.is_some()),
+        ("report", args.report.is_some()),
+        ("dry-run", args.dry_run),
+        ("timings", args.timings), // outputs would differ from run to run
+    ];
+    single.iter().find(|(_, said)| *said).map(|(key, _)| *key)
+}
+
+/// The hash of the options of a plan, as they stand there now.
+fn key_of_options(header: &Header) -> Result<String, Refused> {
+    let bare = ["mocap-repair".into(), "--print-config".into()];
+    let typed = |error: &clap::Error| (error.to_string(), 1);
+    let mut command = Cli::command();
+    let given = command.try_get_matches_from_mut(&bare).map_err(|e| typed(&e))?;
+    let words = config::with_text(&command, &bare, &given, &header.config).map_err(|problem| (problem, 1))?;
+    let matches = command.try_get_matches_from_mut(words).map_err(|e| typed(&e))?;
+    Ok(sha256_of(&config::effective(&command, &matches), &header.files))
 }
 
 /// A take of a batch as it would have been typed.
@@ -112,6 +140,14 @@ fn request_of(files: &Files, text: &str) -> Result<Request, String> {
     words.extend(["--".into(), files.input.clone().into()]);
     let mut command = Cli::command();
     let given = command.try_get_matches_from_mut(&words).map_err(|e| e.to_string())?;
+    // a plan may have been written by anybody, and these name files to write
+    let bare = ["mocap-repair".into(), "--print-config".into()];
+    let alone = command.try_get_matches_from_mut(&bare).map_err(|e| e.to_string())?;
+    let alone = config::with_text(&command, &bare, &alone, text)?;
+    let alone = command.try_get_matches_from_mut(alone).map_err(|e| e.to_string())?;
+    if let Some(key) = RepairArgs::from_arg_matches(&alone).ok().as_ref().and_then(for_one_take) {
+        return Err(format!("options of the batch: {key} is for single takes; plan again"));
+    }
     let words = config::with_text(&command, &words, &given, text)?;
     let matches = command.try_get_matches_from_mut(words).map_err(|e| e.to_string())?;
     let args = RepairArgs::from_arg_matches(&matches).map_err(|e| e.to_string())?;
@@ -133,7 +169,7 @@ pub(super) fn run_plan(args: &PlanArgs) -> Result<(u8, String), Refused> {
     } else {
         told::plan_text(&planned, &findings, &args.output, &Style::of_stdout())
     };
-    let whole = planned.problems.is_empty() && findings.unreadable.is_empty();
+    let whole = planned.problems.is_empty() && planned.unread.is_empty() && findings.unreadable.is_empty();
     Ok((if whole { 0 } else { 3 }, text))
 }
 
@@ -173,7 +209,7 @@ impl EngineArgs {
 
     /// Runs what a supply has, tells whoever is to be told, and returns the exit code. `of`: what it is a run of.
     fn run(&self, header: &Header, out: &Place, of: &Of<'_>, supply: &mut dyn Supply, interrupt: &AtomicBool) -> Result<u8, Refused> {
-        let session = Session::open(out, of.session).map_err(refused)?;
+        let session = Session::open(out, of.session, of.group).map_err(refused)?;
         if let Some((plan, sha256)) = of.plan {
             session::keep_plan(out, plan, sha256).map_err(refused)?;
         }
@@ -194,7 +230,7 @@ impl EngineArgs {
             takes: header.takes,
             bytes: header.bytes,
         };
-        let mut ledger = session.ledger(out, of.name, of.shard, begun).map_err(refused)?;
+        let mut ledger = Ledger::begin(out, of.name, of.shard, begun).map_err(|e| refused(e.into()))?;
         let settings = Settings {
             header,
             out,
@@ -204,6 +240,7 @@ impl EngineArgs {
             keep_going: self.keep_going,
             timeout: self.timeout,
             quarantined: session.quarantined.clone(),
+            gone: Some(Box::new(|| session.gone(out))),
         };
         let (began, over) = (Instant::now(), AtomicBool::new(false));
         let tally = Tally::new(header.takes, header.bytes);
@@ -215,15 +252,14 @@ impl EngineArgs {
             go(&Silent)
         } else if let Some(live) = Live::new(engine.slots(), tally.clone()) {
             std::thread::scope(|scope| {
-                scope.spawn(|| live.draw_until(&|| over.load(Ordering::Relaxed)));
-                let ended = go(&live);
-                over.store(true, Ordering::Relaxed);
-                ended
+                scope.spawn(|| live.draw_until(&|| over.load(Ordering::Relaxed), &|| interrupt.load(Ordering::Relaxed)));
+                let _over = Over(&over);
+                go(&live)
             })
         } else {
             go(&Plain::new(tally, &to_stderr))
         };
-        drop(engine);
+        drop((engine, settings));
         session.close(out);
         let (ended, why) = ended.map_err(refused)?;
         let code = exit_code(&ended, of.plan.is_none());
@@ -231,10 +267,19 @@ impl EngineArgs {
             super::print(&told::run_json(&ended, &why, out.shown(), began.elapsed(), code));
         } else if !self.quiet {
             super::print(&told::run_text(&ended, &why, of.from, out.shown(), began.elapsed(), &Style::of_stdout()));
-        } else if ended.stop != Stop::Complete {
+        } else if ended.stop != Stop::Complete && (of.plan.is_some() || ended.stop != Stop::Interrupted) {
             super::fail(&why, false);
         }
         Ok(code)
+    }
+}
+
+/// Says when it is dropped, however that comes, that nothing more is to be drawn.
+struct Over<'a>(&'a AtomicBool);
+
+impl Drop for Over<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
     }
 }
 
@@ -242,6 +287,8 @@ impl EngineArgs {
 struct Of<'a> {
     /// What nobody else may do at the same time.
     session: &'a str,
+    /// What others may do a part of at the same time.
+    group: &'a str,
     /// What its ledgers are called by.
     name: &'a str,
     /// What people are told that it was made from.
@@ -253,11 +300,19 @@ struct Of<'a> {
 pub(super) fn run_batch(args: &RunArgs, interrupt: &AtomicBool) -> Result<u8, Refused> {
     let shard = args.shard.unwrap_or(Shard::ALL);
     let out = place(&args.out)?;
-    let (header, sha256, takes, bytes) = session::survey(&args.plan, shard).map_err(refused)?;
+    let (header, sha256, takes, bytes) = session::survey(&args.plan, shard, &out).map_err(refused)?;
     session::check(&args.plan, &header, &out).map_err(refused)?;
+    for file in &header.files {
+        file.check().map_err(|problem| (problem, 1))?;
+    }
+    if key_of_options(&header)? != header.config_sha256 {
+        let problem = "its options are not those that its hash is of: it was changed; plan again";
+        return Err((format!("{}: {problem}", args.plan.display()), 1));
+    }
     let mut supply = FromPlan(Plan::open(&args.plan, shard).map_err(refused)?);
     let of = Of {
         session: &format!("{}-of-{}", shard.index, shard.count),
+        group: &format!("{}-of-{}", &sha256[..8], shard.count),
         name: &sha256[..8],
         from: &args.plan.display().to_string(),
         plan: Some((&args.plan, &sha256)),
@@ -275,9 +330,11 @@ pub(super) fn run_watch(args: &WatchArgs, interrupt: &AtomicBool) -> Result<u8, 
     let out = place(&args.out)?;
     let sources = vec![folder.to_string_lossy().into_owned()];
     session::check_sources(&sources, &out).map_err(refused)?;
+    let (files, config_sha256) = way.settle().map_err(refused)?;
     let header = Header {
         version: env!("CARGO_PKG_VERSION").to_owned(),
-        config_sha256: way.sha256().map_err(refused)?,
+        config_sha256,
+        files,
         config: way.config,
         wanted: way.wanted,
         sources,
@@ -285,8 +342,9 @@ pub(super) fn run_watch(args: &WatchArgs, interrupt: &AtomicBool) -> Result<u8, 
         bytes: 0,
     };
     let mut supply = Watched::new(&folder, &out, args.settle, args.every, args.once).map_err(refused)?;
-    let of = Of { session: "watch", name: "watch", from: &args.folder, plan: None, shard: Shard::ALL };
-    args.engine.run(&header, &out, &of, &mut supply, interrupt)
+    let of = Of { session: "watch", group: "watch", name: "watch", from: &args.folder, plan: None, shard: Shard::ALL };
+    let code = args.engine.run(&header, &out, &of, &mut supply, interrupt)?;
+    Ok(if code == 0 && supply.is_troubled() { 3 } else { code })
 }
 
 pub(super) fn run_status(args: &StatusArgs) -> Result<u8, Refused> {
@@ -316,6 +374,8 @@ pub(super) fn run_report(args: &FleetArgs) -> Result<u8, Refused> {
 fn exit_code(ended: &ledger::Ended, endless: bool) -> u8 {
     match ended.stop {
         Stop::Interrupted if endless => exit_code(&ledger::Ended { stop: Stop::Complete, ..ended.clone() }, false),
+        // somebody has to do something about them first
+        Stop::Complete if ended.failed > 0 => 1,
         Stop::Complete if ended.remarked + ended.quarantined + ended.failed > 0 => 3,
         Stop::Complete => 0,
         Stop::Interrupted | Stop::DiskFull | Stop::Engine => 75,
