@@ -5,6 +5,7 @@ use super::plan::{Header, Plan, Shard};
 use super::store::{Mode, Place};
 use super::{BatchError, OWN_FOLDER};
 use crate::input::plain;
+use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fs::{File, TryLockError};
 use std::io::{Read, Seek, Write};
@@ -43,23 +44,24 @@ impl Session {
             }
             locks.extend(lock);
         }
-        // by take: when it was told of last, and why it was put aside if it was
-        let mut told: BTreeMap<String, (String, Option<String>)> = BTreeMap::new();
+        // Ledgers come in no order of time. Of takes that went well it is enough to know when: sixteen bytes for each.
+        let mut aside: BTreeMap<String, (u64, String)> = BTreeMap::new();
+        let mut well: BTreeMap<u64, u64> = BTreeMap::new();
         ledger::read_all(out, &mut |_, record| {
             let Record::Take(take) = record else { return };
             let Some(identity) = &take.planned else { return };
-            let aside = take.outcome == Outcome::Quarantined && stays(&take);
-            let name = known(identity, &take.path);
-            // of most takes nothing has to be remembered
-            match told.get_mut(&name) {
-                Some(last) if last.0 <= take.time => *last = (take.time, aside.then(|| take.reason.unwrap_or_default())),
-                None if aside => {
-                    told.insert(name, (take.time, Some(take.reason.unwrap_or_default())));
+            let (name, time) = (known(identity, &take.path), stamp(&take.time));
+            if take.outcome == Outcome::Quarantined && stays(&take) {
+                if aside.get(&name).is_none_or(|before| before.0 <= time) {
+                    aside.insert(name, (time, take.reason.unwrap_or_default()));
                 }
-                _ => {}
+            } else {
+                let last = well.entry(short(&name)).or_default();
+                *last = time.max(*last);
             }
         })?;
-        let quarantined = told.into_iter().filter_map(|(name, (_, reason))| Some((name, reason?))).collect();
+        aside.retain(|name, (time, _)| well.get(&short(name)).is_none_or(|last| last < time));
+        let quarantined = aside.into_iter().map(|(name, (_, reason))| (name, reason)).collect();
         let identity = out.folder().and_then(|folder| identity(&folder.join(OWN_FOLDER)));
         Ok(Self { work, quarantined, identity, locks })
     }
@@ -209,6 +211,17 @@ fn identity(path: &Path) -> Option<(u64, u64)> {
     {
         path.is_dir().then_some((0, 0))
     }
+}
+
+/// A time in UTC (RFC 3339) as a number that grows.
+fn stamp(time: &str) -> u64 {
+    let digits = time.bytes().filter(u8::is_ascii_digit).chain(std::iter::repeat(b'0')).take(17);
+    digits.fold(0, |number, digit| number * 10 + u64::from(digit - b'0'))
+}
+
+/// Eight bytes that stand for a name.
+fn short(name: &str) -> u64 {
+    Sha256::digest(name).iter().take(8).fold(0, |number, byte| (number << 8) | u64::from(*byte))
 }
 
 /// The name of this machine.

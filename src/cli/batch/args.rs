@@ -10,8 +10,9 @@ pub const RUN_AFTER_HELP: &str = "\
 Exit codes:
   0   every take is repaired
   3   every take is accounted for, but look at them: some were put aside, or have something to look at
-  75  stopped, the same command goes on: interrupted, no room on the disk, the engine is gone
-  1   stopped, something has to be done first: too many of the first takes failed, or the plan cannot be run
+  75  stopped, the same command goes on: interrupted, no room on the disk, a disk or the engine is gone
+  1   something has to be done first: takes failed, too many of the first ones came to nothing, or the
+      plan cannot be run
   2   the command line was wrong";
 
 /// `mocap-repair batch`.
