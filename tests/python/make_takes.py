@@ -34,7 +34,8 @@ def copy_of(path):
 
 def cut_of(path):
     """Another cut for each take."""
-    return lambda k: (path.suffix, rows(path, k % 300, 60 + k % 60, 1))
+    last = max(1, path.read_bytes().count(b"\n") - 130)
+    return lambda k: (path.suffix, rows(path, k % min(last, 900), 60 + k % 60, 1))
 
 
 def opens(program, path):
@@ -54,10 +55,16 @@ def all_missing(seen):
 
 
 def huge(c3d):
-    """Declares 65,535 markers and frames without end."""
+    """Declares 65,535 markers in 65,535 frames, in its header and in its parameters."""
     content = bytearray(c3d.read_bytes())
     struct.pack_into("<H", content, 2, 65535)
     struct.pack_into("<HH", content, 6, 1, 65535)
+    for name in (b"USED", b"FRAMES"):
+        at = content.index(name) + len(name) + 2  # behind the name comes how far the next one is, then the type
+        if content[at] == 4:
+            struct.pack_into("<f", content, at + 2, 65535.0)
+        else:
+            struct.pack_into("<H", content, at + 2, 65535)
     return bytes(content)
 
 

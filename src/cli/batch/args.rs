@@ -78,7 +78,7 @@ pub struct WayArgs {
 #[derive(Debug, Args)]
 #[allow(clippy::struct_excessive_bools)] // each is a switch that somebody types
 pub struct EngineArgs {
-    /// Takes to work on at the same time [default: as many as there are cores]
+    /// Takes to work on at the same time [default: one more than there are cores, since one of them mostly waits for the disk; with Ray its cores]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=4096))]
     pub jobs: Option<u32>,
     /// Who runs the takes

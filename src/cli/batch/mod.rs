@@ -199,7 +199,7 @@ impl EngineArgs {
         let jobs = self.jobs.map(|jobs| jobs as usize);
         let program = std::env::current_exe().map_err(|e| (format!("this program cannot be found: {e}"), 1))?;
         Ok(match self.engine {
-            EngineArg::Local => Box::new(Local::new(program, jobs.unwrap_or(cores), self.memory.unwrap_or_else(memory::available))),
+            EngineArg::Local => Box::new(Local::new(program, jobs.unwrap_or(cores + 1), self.memory.unwrap_or_else(memory::available))),
             EngineArg::Ray => {
                 let (python, address, memory_bytes) = (self.python.clone(), self.ray_address.clone(), self.memory);
                 Box::new(Ray::start(&Wish { python, program, address, jobs, memory_bytes }).map_err(refused)?)
