@@ -37,8 +37,8 @@ pub struct Sidecar {
     pub markers: Vec<MarkerSummary>,
     /// What was assumed, odd or lost.
     pub notes: Vec<NoteSaid>,
-    /// SHA-256 of the sidecar without this: one that was damaged is none.
-    #[serde(default)]
+    /// SHA-256 of the line as it would be without this: a sidecar that was damaged is none. The last field, so that others can be added before it.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
     pub sidecar_sha256: String,
 }
 
@@ -139,24 +139,34 @@ pub struct NoteSaid {
 
 /// What makes a take what it is: its input, the options, and the program. Two takes of one key have the same output.
 pub fn key(input_sha256: &str, config_sha256: &str, version: &str) -> String {
-    crate::input::hex(&Sha256::digest(format!("{input_sha256}\n{config_sha256}\n{version}\n")))
+    hash(&format!("{input_sha256}\n{config_sha256}\n{version}\n"))
 }
 
 impl Sidecar {
     /// As it is written: one line, with its own hash.
     pub fn text(&self) -> String {
-        crate::report::lines(&[Self { sidecar_sha256: self.own_sha256(), ..self.clone() }])
-    }
-
-    /// Reads what [`Self::text`] wrote; `None` if it is anything else.
-    pub fn parse(bytes: &[u8]) -> Option<Self> {
-        serde_json::from_slice(bytes).ok().filter(|read: &Self| read.own_sha256() == read.sidecar_sha256)
-    }
-
-    fn own_sha256(&self) -> String {
         let bare = crate::report::lines(&[Self { sidecar_sha256: String::new(), ..self.clone() }]);
-        crate::input::hex(&Sha256::digest(bare))
+        let bare = bare.trim_end();
+        let open = bare.strip_suffix('}').unwrap_or(bare);
+        format!("{open}{OWN}{}\"}}\n", hash(bare))
     }
+
+    /// Reads what [`Self::text`] wrote, be it of another version; `None` if it is anything else.
+    pub fn parse(bytes: &[u8]) -> Option<Self> {
+        let line = std::str::from_utf8(bytes).ok()?.trim_end();
+        let (open, own) = line.rsplit_once(OWN)?;
+        if own.strip_suffix("\"}")? != hash(&format!("{open}}}")) {
+            return None;
+        }
+        serde_json::from_str(line).ok()
+    }
+}
+
+/// How the last field begins.
+const OWN: &str = ",\"sidecar_sha256\":\"";
+
+fn hash(text: &str) -> String {
+    crate::input::hex(&Sha256::digest(text))
 }
 
 impl Summary {
@@ -199,5 +209,50 @@ impl MarkerSummary {
             marker.worst_sigma_mm = [marker.worst_sigma_mm, gap.worst_sigma_mm].into_iter().flatten().reduce(f64::max);
         }
         all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+    use super::*;
+
+    fn sidecar() -> Sidecar {
+        Sidecar {
+            version: "1".to_owned(),
+            key: key("a", "b", "1"),
+            path: "A/walk \"}.c3d".to_owned(),
+            input: InputFile { name: "walk".to_owned(), source: "/in/walk".to_owned(), bytes: 3, sha256: "a".to_owned(), version: None },
+            config_sha256: "b".to_owned(),
+            outputs: Vec::new(),
+            exit_code: 3,
+            summary: Summary { worst_sigma_mm: Some(0.1 + 0.2), ..Summary::default() },
+            markers: vec![MarkerSummary { label: "ü".to_owned(), ..MarkerSummary::default() }],
+            notes: Vec::new(),
+            sidecar_sha256: String::new(),
+        }
+    }
+
+    #[test]
+    fn what_is_written_comes_back_and_damage_does_not() {
+        let text = sidecar().text();
+        let back = Sidecar::parse(text.as_bytes()).unwrap();
+        assert_eq!(Sidecar { sidecar_sha256: String::new(), ..back.clone() }, sidecar());
+        assert_eq!(back.text(), text);
+        for at in 0..text.trim_end().len() {
+            let mut bytes = text.clone().into_bytes();
+            bytes[at] ^= 1;
+            assert_eq!(Sidecar::parse(&bytes), None, "byte {at}");
+            assert_eq!(Sidecar::parse(&text.as_bytes()[..at]), None, "cut at {at}");
+        }
+    }
+
+    #[test]
+    fn those_of_other_versions_are_read() {
+        let text = sidecar().text();
+        let (open, _) = text.rsplit_once(OWN).unwrap();
+        let later = format!("{open},\"of_later\":1}}");
+        let line = format!("{}{OWN}{}\"}}", later.trim_end_matches('}'), hash(&later));
+        assert!(Sidecar::parse(line.as_bytes()).is_some());
     }
 }
