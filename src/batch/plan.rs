@@ -81,6 +81,14 @@ pub struct Wanted {
     pub fills: bool,
 }
 
+impl Wanted {
+    /// What is added to the name of an output for each of these.
+    pub fn extensions(self) -> impl Iterator<Item = &'static str> {
+        let all = [(self.log, "mcap"), (self.report, "html"), (self.fills, "fills.csv")];
+        all.into_iter().filter(|(wanted, _)| *wanted).map(|(_, extension)| extension)
+    }
+}
+
 /// A take that is to be repaired.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "message_type", rename = "take")]

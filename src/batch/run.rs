@@ -71,7 +71,7 @@ pub struct Settings<'a> {
     /// Tries that take longer are ended.
     pub timeout: Option<Duration>,
     /// Why outputs cannot be put where they belong any more, if that is so.
-    pub gone: Option<Box<dyn Fn() -> Option<String> + Sync + 'a>>,
+    pub gone: &'a (dyn Fn() -> Option<String> + Sync),
     /// Takes that were put aside before, by [`known`](super::session::known), and why.
     pub quarantined: BTreeMap<String, String>,
 }
@@ -317,7 +317,7 @@ impl<'b> Worker<'_, 'b, '_> {
             record.reason = Some(reason.clone());
             return Ok(Some((record, None)));
         }
-        if let Some(problem) = settings.gone.as_ref().and_then(|gone| gone()) {
+        if let Some(problem) = (settings.gone)() {
             return Err(BatchError::again(problem));
         }
         let began = Instant::now();

@@ -1,7 +1,7 @@
 //! An output folder or bucket in use: one run at a time for each shard, its ledger, its hidden files, and what was put aside before.
 
 use super::ledger::{self, How, Outcome, Record, TakeRecord, Try};
-use super::plan::{Header, Plan, Shard};
+use super::plan::{Header, Plan, PlannedTake, Shard};
 use super::store::{Mode, Place};
 use super::{BatchError, OWN_FOLDER};
 use crate::input::plain;
@@ -98,6 +98,28 @@ pub fn keep_plan(out: &Place, plan: &Path, sha256: &str) -> Result<(), BatchErro
     std::fs::copy(plan, copy.path()).map_err(|e| BatchError::io(plan, "cannot be copied", &e))?;
     out.put(&name, copy.path(), Mode::Replace)?;
     Ok(())
+}
+
+/// Reads the copy that [`keep_plan`] made: what holds for all takes, and each take with that.
+///
+/// # Errors
+/// It is not there, or is no plan.
+pub fn kept_plan(out: &Place, sha256: &str, each: &mut dyn FnMut(&Header, PlannedTake)) -> Result<Header, BatchError> {
+    let name = format!("{OWN_FOLDER}/plans/{sha256}.jsonl");
+    let temporary = |e| BatchError { text: format!("a temporary file cannot be made: {e}"), again: true };
+    let copy = tempfile::NamedTempFile::new().map_err(temporary)?;
+    let path = if let Some(folder) = out.folder() {
+        folder.join(&name)
+    } else {
+        out.fetch(&name, copy.path())?;
+        copy.path().to_owned()
+    };
+    let plan = Plan::open(&path, Shard::ALL)?;
+    let header = plan.header.clone();
+    for take in plan {
+        each(&header, take?);
+    }
+    Ok(header)
 }
 
 /// Refuses a plan that this program cannot run, and an output folder that is an input.

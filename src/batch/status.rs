@@ -1,8 +1,7 @@
 //! How a batch stands, from its ledgers and plans.
 
 use super::ledger::{self, Begun, Outcome, Record, Stop, TakeRecord};
-use super::plan::{Plan, Shard};
-use super::session::known;
+use super::session::{kept_plan, known};
 use super::store::Place;
 use super::{BatchError, OWN_FOLDER};
 use crate::report::{count, lines};
@@ -138,25 +137,13 @@ impl Status {
     }
 
     fn count_plan(&mut self, out: &Place, plan: &str, accounted: &BTreeMap<String, TakeRecord>) -> Result<(), BatchError> {
-        let name = format!("{OWN_FOLDER}/plans/{plan}.jsonl");
-        let copy = tempfile::NamedTempFile::new()
-            .map_err(|e| BatchError { text: format!("a temporary file cannot be made: {e}"), again: true })?;
-        let path = if let Some(folder) = out.folder() {
-            folder.join(&name)
-        } else {
-            out.fetch(&name, copy.path())?;
-            copy.path().to_owned()
-        };
-        let takes = Plan::open(&path, Shard::ALL)?;
-        let header = takes.header.clone();
-        for take in takes {
-            let take = take?;
+        kept_plan(out, plan, &mut |header, take| {
             self.takes += 1;
-            match accounted.get(&known(&take.identity(&header), &take.path)) {
+            match accounted.get(&known(&take.identity(header), &take.path)) {
                 Some(record) => self.add(record),
                 None => self.open += 1,
             }
-        }
+        })?;
         Ok(())
     }
 

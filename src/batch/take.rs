@@ -109,8 +109,7 @@ fn read_sidecar(out: &Place, output: &str) -> Result<Option<Sidecar>, StoreError
 fn has_all(sidecar: &Sidecar, output: &str, wanted: Wanted) -> bool {
     let name = file_name(output);
     let has = |name: &str| sidecar.outputs.iter().any(|file| file.name == name);
-    let extensions = [(wanted.log, "mcap"), (wanted.report, "html"), (wanted.fills, "fills.csv")];
-    has(name) && extensions.iter().all(|(wanted, extension)| !wanted || has(&beside(name, extension)))
+    has(name) && wanted.extensions().all(|extension| has(&beside(name, extension)))
 }
 
 /// Repairs a take and puts everything into its place.
@@ -319,8 +318,7 @@ fn refuse_input(out: &Place, take: &PlannedTake) -> Result<(), Refused> {
 
 /// Nothing is replaced that does not come from a batch.
 fn refuse_to_replace(out: &Place, take: &PlannedTake, wanted: Wanted) -> Result<(), Refused> {
-    let extensions = [(wanted.log, "mcap"), (wanted.report, "html"), (wanted.fills, "fills.csv"), (true, sidecar::EXTENSION)];
-    let beside = extensions.into_iter().filter(|(wanted, _)| *wanted).map(|(_, extension)| beside(&take.output, extension));
+    let beside = wanted.extensions().chain([sidecar::EXTENSION]).map(|extension| beside(&take.output, extension));
     for name in std::iter::once(take.output.clone()).chain(beside) {
         if out.exists(&name).map_err(|e| of_store(&e))? {
             let problem = format!(
@@ -406,21 +404,23 @@ fn of_store(error: &StoreError) -> Refused {
 }
 
 fn of_io(error: &io::Error, place: &str) -> Refused {
-    let verdict = match error.kind() {
+    let said = if error.get_ref().is_some() { error.to_string() } else { plain(error) };
+    (of_system(error.kind()), format!("{place}: {said}"))
+}
+
+/// What the system refuses may go well another time, unless somebody has to do something first.
+fn of_system(kind: io::ErrorKind) -> Verdict {
+    match kind {
         kind if is_full(kind) => Verdict::DiskFull,
         io::ErrorKind::PermissionDenied | io::ErrorKind::NotFound | io::ErrorKind::ReadOnlyFilesystem => Verdict::Failed,
         _ => Verdict::Again,
-    };
-    let said = if error.get_ref().is_some() { error.to_string() } else { plain(error) };
-    (verdict, format!("{place}: {said}"))
+    }
 }
 
-/// What the system refuses may go well another time; everything else is the input's fault.
+/// What is not the system's fault is the input's, unless it is about another file.
 fn of_repair(error: &RepairError, files: &Files, take: &PlannedTake) -> Refused {
     let verdict = match error.system() {
-        Some(kind) if is_full(kind) => Verdict::DiskFull,
-        Some(io::ErrorKind::PermissionDenied | io::ErrorKind::NotFound | io::ErrorKind::ReadOnlyFilesystem) => Verdict::Failed,
-        Some(_) => Verdict::Again,
+        Some(kind) => of_system(kind),
         None if matches!(error, RepairError::Interrupted { .. }) => Verdict::Again,
         // a table of bones or the like is the same for all takes
         None if error.path() != files.input && error.path() != files.output => Verdict::Failed,

@@ -1,6 +1,6 @@
 //! Takes on this machine: each in a process of its own, as many at once as there are cores, and no more than memory has room for.
 
-use super::{Allowed, Attempt, Engine};
+use super::{Allowed, Attempt, Engine, set_apart};
 use crate::batch::BatchError;
 use crate::batch::job::{Job, Said};
 use crate::batch::ledger::How;
@@ -41,12 +41,7 @@ impl Local {
     fn start(&self, job: &Job, stderr: &std::fs::File) -> std::io::Result<Child> {
         let mut command = Command::new(&self.program);
         command.args(["batch", "take"]).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(stderr.try_clone()?);
-        #[cfg(unix)]
-        {
-            // an interrupt from the terminal is for whoever hands out takes
-            use std::os::unix::process::CommandExt;
-            command.process_group(0);
-        }
+        set_apart(&mut command);
         let mut child = command.spawn()?;
         let line = crate::report::lines(std::slice::from_ref(job));
         if let Some(stdin) = &mut child.stdin {

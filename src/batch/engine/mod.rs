@@ -8,6 +8,7 @@ pub mod ray;
 use super::BatchError;
 use super::job::{Job, TakeResult};
 use super::ledger::How;
+use std::process::Command;
 use std::time::Duration;
 
 /// How one try at a take ended.
@@ -60,4 +61,12 @@ pub trait Engine: Sync {
 
     /// Nothing more is handed out, so that those that run may use all cores.
     fn last_ones(&self, _running: usize) {}
+}
+
+/// An interrupt from the terminal is for whoever hands out takes, and not for what it starts.
+fn set_apart(command: &mut Command) {
+    #[cfg(unix)]
+    std::os::unix::process::CommandExt::process_group(command, 0);
+    #[cfg(not(unix))]
+    let _ = command;
 }

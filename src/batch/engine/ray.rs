@@ -3,7 +3,7 @@
 //! A driver in Python, which is part of this program, speaks with Ray. It is told of takes and tells of their ends, as JSON Lines;
 //! what is tried again, put aside or written down is decided here, as for any engine.
 
-use super::{Allowed, Attempt, Engine};
+use super::{Allowed, Attempt, Engine, set_apart};
 use crate::batch::BatchError;
 use crate::batch::job::{Job, TakeResult};
 use crate::batch::ledger::How;
@@ -118,12 +118,7 @@ impl Ray {
         let python = wish.python.display().to_string();
         let mut command = Command::new(&wish.python);
         command.arg("-u").arg(&path).stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped());
-        #[cfg(unix)]
-        {
-            // an interrupt from the terminal is for whoever hands out takes
-            use std::os::unix::process::CommandExt;
-            command.process_group(0);
-        }
+        set_apart(&mut command);
         let mut driver = command.spawn().map_err(|e| BatchError {
             text: format!(
                 "{python}: cannot be started: {}; --engine ray needs Python 3.9 or newer with Ray (pip install ray); name it with --python",

@@ -6,7 +6,8 @@
 use super::ledgers::{Ledgers, Told};
 use super::{About, FleetRow, Planned};
 use crate::batch::ledger::{self, Begun, Outcome, Record};
-use crate::batch::plan::{Plan, Shard};
+use crate::batch::naming::beside;
+use crate::batch::session::kept_plan;
 use crate::batch::sidecar::{self, Sidecar};
 use crate::batch::store::{Place, StoreError};
 use crate::batch::{BatchError, OWN_FOLDER};
@@ -129,22 +130,10 @@ fn chosen(out: &Place, plans: &Plans) -> Result<Vec<String>, BatchError> {
 
 /// Reads the copy of a plan and adds its takes.
 fn planned(out: &Place, sha256: &str, any: bool, takes: &mut BTreeMap<String, Known>) -> Result<Planned, BatchError> {
-    let name = format!("{OWN_FOLDER}/plans/{sha256}.jsonl");
-    let copy =
-        tempfile::NamedTempFile::new().map_err(|e| BatchError { text: format!("a temporary file cannot be made: {e}"), again: true })?;
-    let path = if let Some(folder) = out.folder() {
-        folder.join(&name)
-    } else {
-        out.fetch(&name, copy.path())?;
-        copy.path().to_owned()
-    };
-    let plan = Plan::open(&path, Shard::ALL)?;
-    let header = plan.header.clone();
-    for take in plan {
-        let take = take?;
-        let identity = (!any).then(|| take.identity(&header));
+    let header = kept_plan(out, sha256, &mut |header, take| {
+        let identity = (!any).then(|| take.identity(header));
         takes.insert(take.path, Known { output: take.output, bytes: take.bytes, identity, told: Told::default() });
-    }
+    })?;
     Ok(Planned {
         name: sha256.chars().take(8).collect(),
         version: header.version,
@@ -208,7 +197,7 @@ impl Collected {
         if !matches!(newest.outcome, Outcome::Done | Outcome::Skipped) {
             return row; // what may lie there is of another repair
         }
-        let bytes = self.out.read(&format!("{}.{}", row.output, sidecar::EXTENSION), sidecar::LARGEST).unwrap_or_else(|error| {
+        let bytes = self.out.read(&beside(&row.output, sidecar::EXTENSION), sidecar::LARGEST).unwrap_or_else(|error| {
             if let Ok(mut unread) = self.unread.lock() {
                 unread.push(error);
             }
@@ -222,7 +211,7 @@ impl Collected {
 
     /// True if a file of this extension lies beside the output of a take. In a bucket, where looking is dear, the sidecar is believed.
     fn has(&self, row: &FleetRow, extension: &str) -> bool {
-        let name = format!("{}.{extension}", row.output);
+        let name = beside(&row.output, extension);
         match self.out.folder() {
             Some(_) => self.out.exists(&name).unwrap_or(false),
             None => row.sidecar.as_ref().is_some_and(|sidecar| {

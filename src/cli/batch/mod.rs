@@ -31,7 +31,7 @@ use crate::report::count;
 use crate::solve::Observer;
 use crate::typeset::Style;
 use args::{EngineArg, EngineArgs, FleetArgs, PlanArgs, RunArgs, StatusArgs, WatchArgs, WayArgs};
-use clap::{CommandFactory, FromArgMatches};
+use clap::{ArgMatches, CommandFactory, FromArgMatches};
 use std::ffi::OsString;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -115,14 +115,19 @@ fn for_one_take(args: &RepairArgs) -> Option<&'static str> {
     single.iter().find(|(_, said)| *said).map(|(key, _)| *key)
 }
 
+/// What the options of a plan, as they stand there now, make of a command line; with its definition, built.
+fn parsed(config: &str) -> Result<(clap::Command, ArgMatches), String> {
+    let bare = ["mocap-repair".into(), "--print-config".into()];
+    let mut command = Cli::command();
+    let given = command.try_get_matches_from_mut(&bare).map_err(|e| e.to_string())?;
+    let words = config::with_text(&command, &bare, &given, config)?;
+    let matches = command.try_get_matches_from_mut(words).map_err(|e| e.to_string())?;
+    Ok((command, matches))
+}
+
 /// The hash of the options of a plan, as they stand there now.
 fn key_of_options(header: &Header) -> Result<String, Refused> {
-    let bare = ["mocap-repair".into(), "--print-config".into()];
-    let typed = |error: &clap::Error| (error.to_string(), 1);
-    let mut command = Cli::command();
-    let given = command.try_get_matches_from_mut(&bare).map_err(|e| typed(&e))?;
-    let words = config::with_text(&command, &bare, &given, &header.config).map_err(|problem| (problem, 1))?;
-    let matches = command.try_get_matches_from_mut(words).map_err(|e| typed(&e))?;
+    let (command, matches) = parsed(&header.config).map_err(|problem| (problem, 1))?;
     Ok(sha256_of(&config::effective(&command, &matches), &header.files))
 }
 
@@ -138,16 +143,12 @@ fn request_of(files: &Files, text: &str) -> Result<Request, String> {
         words.push("--no-log".into());
     }
     words.extend(["--".into(), files.input.clone().into()]);
-    let mut command = Cli::command();
-    let given = command.try_get_matches_from_mut(&words).map_err(|e| e.to_string())?;
     // a plan may have been written by anybody, and these name files to write
-    let bare = ["mocap-repair".into(), "--print-config".into()];
-    let alone = command.try_get_matches_from_mut(&bare).map_err(|e| e.to_string())?;
-    let alone = config::with_text(&command, &bare, &alone, text)?;
-    let alone = command.try_get_matches_from_mut(alone).map_err(|e| e.to_string())?;
+    let (mut command, alone) = parsed(text)?;
     if let Some(key) = RepairArgs::from_arg_matches(&alone).ok().as_ref().and_then(for_one_take) {
         return Err(format!("options of the batch: {key} is for single takes; plan again"));
     }
+    let given = command.try_get_matches_from_mut(&words).map_err(|e| e.to_string())?;
     let words = config::with_text(&command, &words, &given, text)?;
     let matches = command.try_get_matches_from_mut(words).map_err(|e| e.to_string())?;
     let args = RepairArgs::from_arg_matches(&matches).map_err(|e| e.to_string())?;
@@ -240,7 +241,7 @@ impl EngineArgs {
             keep_going: self.keep_going,
             timeout: self.timeout,
             quarantined: session.quarantined.clone(),
-            gone: Some(Box::new(|| session.gone(out))),
+            gone: &|| session.gone(out),
         };
         let (began, over) = (Instant::now(), AtomicBool::new(false));
         let tally = Tally::new(header.takes, header.bytes);
